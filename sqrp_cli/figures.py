@@ -21,6 +21,33 @@ Share = Annotated[float, Field(ge=0, le=1)]
 Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
+FIGURE_NAMES = {
+    "q_eoi": "Q_eoi",
+    "q_avg": "Q_avg",
+    "time": "time",
+    "delay": "delay",
+    "delay_mean": "mean delay",
+    "delay_worst": "seen at worst after",
+    "expected_time": "all done at",
+}
+"""What texts call the figures of a candidate."""
+
+
+def shown_figure(name: str, value: float | None, more: int = 0) -> str:
+    """A figure as texts show it: `63.4 %`, `12.30 s`, `never` if it is infinite, `-` if undefined; more: digits."""
+    if value is None or value == inf:
+        return "-" if value is None else "never"
+    if name in ("q_eoi", "q_avg"):
+        return f"{100 * value:.{1 + more}f} %"
+    return f"{value:.{(1 if name == 'expected_time' else 2) + more}f} s"
+
+
+def named_figures(found: object, *names: str) -> list[str]:
+    """Each of some figures that is not None as texts show it, with its name: `Q_eoi 63.4 %`."""
+    known = ((name, getattr(found, name)) for name in names)
+    return [f"{FIGURE_NAMES[name]} {shown_figure(name, value)}" for name, value in known if value is not None]
+
+
 ROUNDING = 1e-9  # by how much a quality, or a time [s], may miss a threshold: both come of sums of times
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from xml.etree import ElementTree as Xml
 
 from sqrp_cli.document import how_many
+from sqrp_cli.figures import named_figures
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.score.result import Scorecard, TaskScore, listed
 from sqrp_cli.shown import one_line
@@ -43,9 +44,7 @@ def write_junit(scorecard: Scorecard, path: Path) -> None:
                 element = Xml.SubElement(case, kind, message=one_line(result.reasons[0]), type=result.status)
                 element.text = "\n".join(map(one_line, result.reasons))
             if (best := result.best) is not None:
-                qualities = [("Q_eoi", best.q_eoi), ("Q_avg", best.q_avg)]
-                lines = [f"{label}: {100 * quality:.1f} %" for label, quality in qualities if quality is not None]
-                lines = [f"best: {best.name}", *lines, f"time: {best.time:.2f} s"]
+                lines = [f"best {best.name}", *named_figures(best, "q_eoi", "q_avg", "time")]
                 Xml.SubElement(case, "system-out").text = "\n".join(map(one_line, lines))
     for workspace, tasks in groupby(gone, key=lambda task: task.workspace):
         names = [one_line(task.task) for task in tasks]

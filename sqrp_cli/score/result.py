@@ -7,7 +7,7 @@ from dataclasses import field
 from typing import Any, Literal
 
 from sqrp_cli.document import LEFT_OUT, Document, Record, WorkspaceDocument, how_many, live
-from sqrp_cli.figures import Qualities
+from sqrp_cli.figures import Qualities, shown_figure
 from sqrp_cli.files.source import LeafValue
 from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.records import dataclass
@@ -89,15 +89,12 @@ class Shift(Record):
             return "a fault may never be noticed any more"
         if not quality and self.before is None:
             return f"no fault goes unnoticed any more: the worst delay is {self.now:.2f} s"
-        scale, digits, unit = (100.0, 1, "%") if quality else (1.0, 2, "s")
-
-        def shown(figure: float | None, more: int = 0) -> str:
-            return "-" if figure is None else f"{scale * figure:.{digits + more}f} {unit}"
-
-        more = 2 if shown(self.before) == shown(self.now) else 0  # figures that differ never look alike
+        old, new = (shown_figure(self.metric, figure) for figure in (self.before, self.now))
+        if old == new:  # figures that differ never look alike
+            old, new = (shown_figure(self.metric, figure, 2) for figure in (self.before, self.now))
         names = {"time": "its time", "delay": "the worst delay of a fault", "q_eoi": "Q_eoi", "q_avg": "Q_avg"}
         verb = "fell" if self.worse is quality else "rose"
-        return f"{names[self.metric]} {verb} from {shown(self.before, more)} to {shown(self.now, more)}"
+        return f"{names[self.metric]} {verb} from {old} to {new}"
 
 
 @dataclass(frozen=True)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field
+from math import inf
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from sqrp_cli.document import LEFT_OUT, Record, TaskDocument, live
 from sqrp_cli.errors import InputError, bad_option
-from sqrp_cli.figures import AdvisedFigures
+from sqrp_cli.figures import FIGURE_NAMES, AdvisedFigures, shown_figure
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.goal import MOTION, Goal, Kind
 from sqrp_cli.study.ranking import rank
@@ -43,15 +44,6 @@ class ChangedCandidate(Record):
     """With it."""
     worse: tuple[str, ...]
     """The figures that get worse by as much as rankings tell apart; `feasible` if it can no longer be done."""
-
-
-_SHOWN = (
-    ("q_eoi", "Q_eoi", 100.0, "{:.1f} %"),
-    ("q_avg", "Q_avg", 100.0, "{:.1f} %"),
-    ("time", "time", 1.0, "{:.2f} s"),
-    ("delay_worst", "seen at worst after", 1.0, "{:.2f} s"),
-)
-"""What texts call the figures, and how they show them."""
 
 
 _COMPARED = (("q_eoi", 1.0, 1e-3), ("q_avg", 1.0, 1e-3), ("time", -1.0, 0.01), ("latest", -1.0, 0.01))
@@ -156,14 +148,12 @@ class AdviceFound(ChangeFound):
             worse = []
             for one in task.candidates:
                 shifts = ["can no longer be done"] if "feasible" in one.worse else []
-                for name, label, scale, pattern in (shown for shown in _SHOWN if shown[0] in one.worse):
+                for name in (name for name in one.worse if name != "feasible"):
                     old, new = (
-                        "never"
-                        if figures.unseen and name == "delay_worst"
-                        else pattern.format(scale * getattr(figures, name))
-                        for figures in (one.before, one.after)
+                        shown_figure(name, inf if known.unseen and name == "delay_worst" else getattr(known, name))
+                        for known in (one.before, one.after)
                     )
-                    shifts.append(f"{label} {old} to {new}")
+                    shifts.append(f"{FIGURE_NAMES[name]} {old} to {new}")
                 words = f"{one.candidate} {', '.join(shifts)}"
                 worse += [words] if shifts and words not in told else []
             told.update(worse)

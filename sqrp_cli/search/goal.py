@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from sqrp_cli.document import Record
 from sqrp_cli.errors import bad_option, expected_names
-from sqrp_cli.figures import Qualities, falls_short
+from sqrp_cli.figures import FIGURE_NAMES, Qualities, falls_short, shown_figure
 from sqrp_cli.files.units import SHARE, TIME, read_quantity
 from sqrp_cli.records import dataclass
 from sqrp_cli.study.result import CandidateResult
@@ -36,9 +36,6 @@ NAMES = (*QUALITIES, *TIMES)
 
 _NEVER = 1e3
 """A fault that is never noticed misses the delay of a goal as if it took so many times as long."""
-
-SHOWN = {"q_eoi": "Q_eoi", "q_avg": "Q_avg", "time": "time", "delay": "delay"}
-"""What texts call them."""
 
 
 def read_kinds(names: Sequence[str] | None) -> tuple[Kind, ...] | None:
@@ -84,8 +81,8 @@ class Goal(Record):
     """Longest time until a fault is noticed [s]."""
 
     def __str__(self) -> str:
-        parts = [f"{SHOWN[name]} {100 * value:.4g} %" for name, value, _ in self._stated(QUALITIES)]
-        return ", ".join([*parts, *(f"{SHOWN[name]} {value:.4g} s" for name, value, _ in self._stated(TIMES))])
+        parts = [f"{FIGURE_NAMES[name]} {100 * value:.4g} %" for name, value, _ in self._stated(QUALITIES)]
+        return ", ".join([*parts, *(f"{FIGURE_NAMES[name]} {value:.4g} s" for name, value, _ in self._stated(TIMES))])
 
     @property
     def only_events(self) -> bool:
@@ -99,15 +96,15 @@ class Goal(Record):
         missed = []
         for name, least, quality in self._stated(QUALITIES, found):
             if quality is None:
-                missed.append(f"{SHOWN[name]} is undefined")
+                missed.append(f"{FIGURE_NAMES[name]} is undefined")
             elif falls_short(quality, least):
-                missed.append(f"{SHOWN[name]} is {100 * quality:.1f} %, not {100 * least:.4g} %")
+                missed.append(f"{FIGURE_NAMES[name]} is {shown_figure(name, quality)}, not {100 * least:.4g} %")
         for name, most, time in self._stated(TIMES, found):
             if time == inf:
                 share = f"{100 * (found.unseen or 0.0):.3g} % of cases"
                 missed.append(f"a fault may never be noticed ({share}), not after {most:.4g} s")
             elif time is not None and time > most:
-                missed.append(f"{SHOWN[name]} is {time:.2f} s, not {most:.4g} s")
+                missed.append(f"{FIGURE_NAMES[name]} is {shown_figure(name, time)}, not {most:.4g} s")
         return tuple(missed)
 
     def met(self, found: CandidateResult) -> bool:

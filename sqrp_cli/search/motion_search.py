@@ -23,7 +23,7 @@ from sqrp_cli.task.candidate import whole_candidate
 from sqrp_cli.task.grips import choice_in_words
 from sqrp_cli.task.task import Candidate
 
-MOST_TOGETHER = 12
+MOST_BEGINNINGS = 12
 """Ways of the first steps that are followed further: a third of them the fastest, the others those seen best."""
 
 
@@ -125,7 +125,7 @@ def _in_seen_paths(question: Question) -> Iterator[tuple[WholeAnalysis, Sequence
 def _of_steps(question: Question) -> Iterator[WholeAnalysis]:
     """Combinations of the Pareto-optimal ways of the steps, each in the world that those before it leave.
 
-    Of more than `MOST_TOGETHER` beginnings, the best seen ones and the fastest are followed, in their order.
+    Of more than `MOST_BEGINNINGS` beginnings, the best seen ones and the fastest are followed, in their order.
     """
     candidate, cell, sampling = question.best.candidate, question.cell, question.sampling
     begun: list[tuple[tuple[Analysis, ...], World]] = [((), question.world)]  # first steps, and the world after them
@@ -143,7 +143,7 @@ def _of_steps(question: Question) -> Iterator[WholeAnalysis]:
                 if isinstance(done, Analysis):
                     longer.append(((*steps, done), world_after(way, done.planned.motion, world)))
         begun, numbers = longer, range(len(longer))
-        if len(longer) > MOST_TOGETHER:
+        if len(longer) > MOST_BEGINNINGS:
             covered = []  # how long each is seen, time of events of interest counted twice [s]
             for steps, _ in longer:
                 each = [step.result("") for step in steps]
@@ -152,8 +152,8 @@ def _of_steps(question: Question) -> Iterator[WholeAnalysis]:
                 )
             seen = sorted(numbers, key=covered.__getitem__, reverse=True)
             fast = sorted(numbers, key=lambda number: sum(one.planned.motion.time for one in longer[number][0]))
-            chosen = dict.fromkeys([*fast[: MOST_TOGETHER // 3], *seen[:MOST_TOGETHER]])
-            begun = [longer[number] for number in sorted(list(chosen)[:MOST_TOGETHER])]
+            chosen = dict.fromkeys([*fast[: MOST_BEGINNINGS // 3], *seen[:MOST_BEGINNINGS]])
+            begun = [longer[number] for number in sorted(list(chosen)[:MOST_BEGINNINGS])]
     for steps, _ in begun:
         yield WholeAnalysis(whole_candidate(candidate.skill, [step.planned.candidate for step in steps]), steps)
 

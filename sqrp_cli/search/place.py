@@ -35,6 +35,7 @@ from sqrp_cli.search.placing_result import (
     InfeasibleCandidate,
     PlacedCandidate,
     PlaceDocument,
+    UnseenTarget,
     proof_in_words,
 )
 from sqrp_cli.search.sites import Installation, blocked, hidden_by, judged_way, touching_pairs, verdicts_of
@@ -43,7 +44,7 @@ from sqrp_cli.study.analysis import Analysis, Observed, with_delays
 from sqrp_cli.study.find import BestWay, TimeLimit, WantedWay, find_way, with_branch
 from sqrp_cli.study.ranking import compared_quality
 
-ROUNDS, ROUNDS_ASIDE = 200, 12  # most times that cameras are chosen: for the question, and to say what others would do
+MOST_SOLVED, MOST_SOLVED_ASIDE = 200, 12  # programs at most: for the question, and to say what fewer cameras would do
 _SAME_TIME = 1e-3  # times that differ by less may count as the same in a ranking [s]
 _FINEST = 0.005  # moves are not tried in smaller steps than this [m]; aims not in less than a degree
 
@@ -94,70 +95,70 @@ class CameraPlacer:
 
     def place(self) -> PlaceDocument:
         """The best cameras for the tasks, with the fastest way of each candidate where no other can do better."""
-        document = self._place()
-        gap = document.bound - document.objective
-        document = replace(document, gap=gap if gap > ROUNDED else 0.0)
-        return replace(document, proof=proof_in_words(document, fastest=self.question.fastest))
-
-    def _place(self) -> PlaceDocument:
-        table, wanted = self.table, self.question.requirements
+        table, requirements = self.table, self.question.requirements
         table.plan()
         if not table.ways:
             why = "no candidate can be done" + (" in that time" if table.too_slow else "")
             return self._document(None, met=False, reason=why)
         table.judge()
-        self._until, goal = monotonic() + self._seconds, wanted.goal
+        self._until, goal = monotonic() + self._seconds, requirements.goal
         if goal is not None and goal.delay is not None and any(way.planned.faults for way in table.ways):
             lenses = [*self.question.mounts.lenses.values(), *(table.options[option].lens for option in table.kept)]
             if goal.delay < min((lens.response for lens in lenses), default=0.0) - 1e-9:
                 return self._closest()  # a frame and the latency alone take longer
-        found = self._search(wanted)
+        found = self._search(requirements)
         best_in_all = (
             found.selection is not None
             and found.value >= 1.0 - ROUNDED
-            and found.problem.worth(wanted, found.selection)[1] <= min(found.problem.tiers, default=0.0) + 1e-3
-            and len(found.selection.options) <= wanted.at_least(len(table.kept))
+            and found.problem.worth(requirements, found.selection)[1] <= min(found.problem.tiers, default=0.0) + 1e-3
+            and len(found.selection.options) <= requirements.at_least(len(table.kept))
         )
         if any(table.others) and not (self._stopped or monotonic() >= self._until or best_in_all):
             table.judge(all_ways=True)
-            found = self._search(wanted, known=found.selection)
+            found = self._search(requirements, known=found.selection)
         if found.selection is None and goal is not None and not self._stopped:
-            if found.proven and wanted.most is not None:
-                enough = self._search(replace(wanted, most=None))
+            if found.proven and requirements.most is not None:
+                enough = self._search(replace(requirements, most=None))
                 if enough.selection is not None:
-                    return replace(self._solution(enough), met=False)
+                    return self._solution(enough, met=False)
             return self._closest(proven=found.proven)
         return self._at_least_some(found)
 
     def _closest(self, *, proven: bool = True) -> PlaceDocument:
         """What comes nearest to a goal that no choice meets. proven: whether it is certain that none does."""
-        nearest = self._at_least_some(self._search(replace(self.question.requirements, goal=None)))
+        found = self._search(replace(self.question.requirements, goal=None))
         unseen = self.table.unseen(self.question.requirements.failure_tolerance, self.table.problem(0).shut)
-        return replace(nearest, met=False, proven=nearest.proven and proven, unseen=tuple(unseen))
+        return self._at_least_some(found, met=False, proven=proven, unseen=tuple(unseen))
 
-    def _at_least_some(self, found: SolveResult) -> PlaceDocument:
+    def _at_least_some(self, found: SolveResult, **about: Any) -> PlaceDocument:  # noqa: ANN401 - see `_solution`
         """The choice with the best mean, where no choice lifts the least quality above 0; none if that is 0, too."""
         if found.selection is None or found.value > 0.0 or self._stopped:
-            return self._solution(found)
+            return self._solution(found, **about)
         if found.requirements.objective == "least":
             mean = self._search(replace(found.requirements, goal=None, objective="mean"))
             if mean.value > 0.0:
-                return self._solution(replace(mean, requirements=found.requirements, value=0.0, bound=found.bound))
-        return self._solution(replace(found, selection=None), blind=True)
+                mean = replace(mean, requirements=found.requirements, value=0.0, bound=found.bound)
+                return self._solution(mean, **about)
+        return self._solution(replace(found, selection=None), blind=True, **about)
 
     def _search(
-        self, wanted: Requirements, *, rounds: int = ROUNDS, first_only: bool = False, known: Selection | None = None
+        self,
+        requirements: Requirements,
+        *,
+        most: int = MOST_SOLVED,
+        first_only: bool = False,
+        known: Selection | None = None,
     ) -> SolveResult:
         """The best selection: chosen by what it may be worth, and checked exactly, until it is worth that.
 
         So nothing better exists: what others may be worth is no more. Where the exact figures are less, samples are
         added at which the chosen cameras lose sight, and it is chosen again. first_only: only the first objectives.
         """
-        goal, table, best, bound, value = wanted.goal, self.table, None, 1.0, 0.0
+        goal, table, best, bound, value = requirements.goal, self.table, None, 1.0, 0.0
         for number in count(1):
-            problem = table.problem(wanted.failure_tolerance)
+            problem = table.problem(requirements.failure_tolerance)
             start = known if best is None else best.selection
-            program = PlacementProgram(problem, wanted, self._watch, start, until=self._until, gap=self._gap)
+            program = PlacementProgram(problem, requirements, self._watch, start, until=self._until, gap=self._gap)
             selection, grown, settled = program.solve_first(), False, False
             for further in (False,) if first_only else (False, True):
                 if further and selection is not None:
@@ -167,21 +168,21 @@ class CameraPlacer:
                 if selection is None:
                     if best is not None:
                         return replace(best, problem=problem, bound=max(bound, best.value), proven=False)
-                    return SolveResult(problem=problem, requirements=wanted, bound=bound, proven=program.proven)
+                    return SolveResult(problem=problem, requirements=requirements, bound=bound, proven=program.proven)
                 if program.complete and not (further or first_only):  # the other objectives take no time then
                     continue
                 grown, settled = table.add_hiding(selection), False
                 if grown:
                     break
-                value, watched, late = self._exact(wanted, selection)
+                value, watched, late = self._exact(requirements, selection)
                 table.late |= late
                 seen = goal is None or all(replace(goal, delay=None).met(one.without_delays) for one in watched)
                 good = seen and not late
-                settled = good and problem.worth(wanted, selection)[0] - value <= ROUNDED
+                settled = good and problem.worth(requirements, selection)[0] - value <= ROUNDED
                 if settled or (good and (best is None or value > best.value)):
                     best = SolveResult(
                         problem=problem,
-                        requirements=wanted,
+                        requirements=requirements,
                         selection=selection,
                         watched=watched,
                         value=value,
@@ -191,26 +192,26 @@ class CameraPlacer:
                     added = [table.add_samples(*one) for one in zip(selection.ways, watched, strict=True)]
                     grown = bool(late) or any(added)
                     break
-            over = self._stopped or monotonic() >= self._until or number == rounds or not grown
+            over = self._stopped or monotonic() >= self._until or number == most or not grown
             enough = best is not None and goal is None and 0.0 < self._gap >= bound - best.value
             if settled or enough or over:
                 if best is None:
-                    return SolveResult(problem=problem, requirements=wanted, bound=bound)
+                    return SolveResult(problem=problem, requirements=requirements, bound=bound)
                 proven = settled and program.proven and bound - value <= ROUNDED
                 return replace(best, problem=problem, bound=max(bound, best.value), proven=proven)
         raise AssertionError
 
-    def _exact(self, wanted: Requirements, selection: Selection) -> tuple[float, Sequence[Observed], set[Late]]:
+    def _exact(self, requirements: Requirements, selection: Selection) -> tuple[float, Sequence[Observed], set[Late]]:
         """The quality that counts first of a selection, its ways as they are seen, and those that are too late."""
-        table, goal, late = self.table, wanted.goal, set[Late]()
+        table, goal, late = self.table, requirements.goal, set[Late]()
         cameras = [table.camera_at(option) for option in (*selection.options, *table.kept)]
-        watched = table.watched(cameras, selection.ways, wanted.failure_tolerance)
+        watched = table.watched(cameras, selection.ways, requirements.failure_tolerance)
         if goal is not None and goal.delay is not None:
             only = Goal(delay=goal.delay)
             exact = with_delays(table.cell_with(cameras), watched, self.question.sampling)
             pairs = zip(selection.ways, exact, strict=True)
             late = {(selection.options, way) for way, one in pairs if not only.met(one.result(""))}
-        value = wanted.value([_BOTH(one.without_delays) for one in watched], table.weights)
+        value = requirements.value([_BOTH(one.without_delays) for one in watched], table.weights)
         return value, watched, late
 
     def _unless_stopped(self, step: Callable[[], Found], otherwise: Found) -> Found:
@@ -223,25 +224,41 @@ class CameraPlacer:
             self._stopped = True
             return otherwise
 
-    def _solution(self, result: SolveResult, *, blind: bool = False) -> PlaceDocument:
-        """The chosen cameras with all that is said of them. blind: whether none would see anything that counts."""
+    def _solution(
+        self,
+        result: SolveResult,
+        *,
+        blind: bool = False,
+        met: bool = True,
+        proven: bool = True,
+        unseen: tuple[UnseenTarget, ...] = (),
+    ) -> PlaceDocument:
+        """The chosen cameras with all that is said of them. blind: whether none would see anything that counts.
+
+        met, proven: whether what was decided before is as required, and proven. unseen: see `PlaceDocument`.
+        """
         table, problem, selection = self.table, result.problem, result.selection
-        wanted, stay = self.question.requirements, [table.camera_at(option) for option in table.kept]
-        fields: dict[str, Any] = {"proven": result.proven, "objective": result.value, "bound": result.bound}
-        fields["fewest"] = result.fewest if result.requirements.goal is not None else None
-        fields["met"] = selection is not None and not table.too_slow
+        requirements, stay = self.question.requirements, [table.camera_at(option) for option in table.kept]
+        fields: dict[str, Any] = {
+            "proven": result.proven and proven,
+            "objective": result.value,
+            "bound": result.bound,
+            "fewest": result.fewest if result.requirements.goal is not None else None,
+            "met": met and selection is not None and not table.too_slow,
+            "unseen": unseen,
+        }
         if selection is None:
             firsts = [of_one[0] for of_one in table.candidates]
             cell = table.cell_with(stay)
             analysed = with_delays(cell, table.watched(stay, firsts), self.question.sampling)
-            unseen = []
+            blank = []
             for way, one in zip((table.ways[number] for number in firsts), analysed, strict=True):
                 about = {"task": way.task, "candidate": way.candidate.name, "found": one.result("")}
-                unseen.append(from_fields(PlacedCandidate, about["found"], **about, ranked=None))
-            why = obstacle(problem, wanted, blind=blind) if result.proven or blind else ""
-            return self._document(problem, **fields, reason=why, candidates=unseen, cell=cell)
+                blank.append(from_fields(PlacedCandidate, about["found"], **about, ranked=None))
+            why = obstacle(problem, requirements, blind=blind) if result.proven or blind else ""
+            return self._document(problem, **fields, reason=why, candidates=blank, cell=cell)
         cameras = self._cameras(result, selection)
-        everyone, spare = [*(placed.camera for placed in cameras), *stay], wanted.failure_tolerance
+        everyone, spare = [*(placed.camera for placed in cameras), *stay], requirements.failure_tolerance
         watched = table.watched(everyone, selection.ways) if spare else result.watched
         analyses: Sequence[Analysis] = with_delays(table.cell_with(everyone), watched, self.question.sampling)
         if result.value < 1.0 - ROUNDED and not spare:
@@ -255,15 +272,15 @@ class CameraPlacer:
             "cell": cell,
         }
         fewer = len(selection.options) - 1
-        if fewer >= max(1, wanted.at_least(len(table.kept))):
+        if fewer >= max(1, requirements.at_least(len(table.kept))):
             aside = replace(result.requirements, goal=None, most=fewer)
-            less = self._unless_stopped(lambda: self._search(aside, rounds=ROUNDS_ASIDE, first_only=True), None)
+            less = self._unless_stopped(lambda: self._search(aside, most=MOST_SOLVED_ASIDE, first_only=True), None)
             if less is not None and not self._stopped:
                 bound = max(less.value, less.bound)
                 fields["fewer"] = Alternative(cameras=fewer, objective=less.value, bound=bound)
         if spare:
-            plain = replace(wanted, failure_tolerance=0)
-            cheaper = self._unless_stopped(lambda: self._search(plain, rounds=ROUNDS_ASIDE), None)
+            none_fails = replace(requirements, failure_tolerance=0)
+            cheaper = self._unless_stopped(lambda: self._search(none_fails, most=MOST_SOLVED_ASIDE), None)
             if cheaper is not None and cheaper.selection is not None:
                 options = cheaper.selection.options
                 price = float(cheaper.problem.price[list(options)].sum())
@@ -280,7 +297,7 @@ class CameraPlacer:
         **fields: Any,  # noqa: ANN401 - of the fields of a document
     ) -> PlaceDocument:
         """What is found. problem: the last one; None where no candidate can be done. cell: with the cameras."""
-        question, table, wanted = self.question, self.table, self.question.requirements
+        question, table, requirements = self.question, self.table, self.question.requirements
         sites = len(question.mounts.spots)
         seen, shut = np.zeros(sites), np.zeros(sites, dtype=bool)
         if problem is not None:
@@ -288,21 +305,21 @@ class CameraPlacer:
             shut[sorted(problem.shut)] = True
         delays = [one.found.latest for one in candidates if one.found.latest is not None]
         cell = table.cell_with(()) if cell is None else cell
-        return PlaceDocument(
+        document = PlaceDocument(
             workspace=question.cell.workspace.name,
             tasks=tuple(task.text for task in question.tasks),
             mounts=sites,
-            want=wanted.goal or Goal(),
+            want=requirements.goal or Goal(),
             cameras=tuple(cameras),
             keep=question.keep,
-            survive=wanted.failure_tolerance,
-            by=wanted.objective,
+            survive=requirements.failure_tolerance,
+            by=requirements.objective,
             too_slow=table.too_slow,
             quickest=0.0 if problem is None else min(problem.tiers, default=0.0),
             delay_worst=None if np.inf in delays else max(delays, default=None),
             unseen_faults=max((one.unseen for one in candidates if one.unseen is not None), default=None),
             price=sum(camera.price for camera in cameras),
-            floor=wanted.floor,
+            floor=requirements.floor,
             candidates=tuple(candidates),
             ways={f"{one.task}: {one.candidate}": one.found.way.parameters for one in candidates},
             infeasible=tuple(
@@ -326,19 +343,22 @@ class CameraPlacer:
             shut=shut,
             **fields,
         )
+        gap = document.bound - document.objective
+        document = replace(document, gap=gap if gap > ROUNDED else 0.0)
+        return replace(document, proof=proof_in_words(document))
 
     def _cameras(self, result: SolveResult, selection: Selection) -> tuple[CameraPlaced, ...]:
         """The chosen cameras, with names that no camera that stays has."""
-        table, wanted = self.table, self.question.requirements
+        table, requirements = self.table, self.question.requirements
 
         @cache
         def quality(*options: int) -> float:
             watched = table.watched(map(table.camera_at, options), selection.ways)
-            return wanted.value([_BOTH(one.without_delays) for one in watched], table.weights)
+            return requirements.value([_BOTH(one.without_delays) for one in watched], table.weights)
 
         names = (name for number in count(1) if (name := f"cam{number}") not in self.question.keep)
         everyone, placed = (*selection.options, *table.kept), []
-        whole = (not wanted.failure_tolerance and result.value) or quality(*everyone)
+        whole = (not requirements.failure_tolerance and result.value) or quality(*everyone)
         for option, name in zip(selection.options, names, strict=False):
             loss = max(0.0, whole - quality(*(one for one in everyone if one != option)))
             placed.append(CameraPlaced.at(table.options[option], name, alone=quality(option), loss=loss))
@@ -367,8 +387,8 @@ class CameraPlacer:
         better = with_delays(cell, watched, self.question.sampling)
         before, after = ([analysis.result("") for analysis in some] for some in (analyses, better))
         kept = goal is None or all(goal.met(now) or not goal.met(then) for then, now in zip(before, after, strict=True))
-        wanted = self.question.requirements
-        old, new = (wanted.value(map(_BOTH, some), table.weights) for some in (before, after))
+        value = self.question.requirements.value
+        old, new = (value(map(_BOTH, some), table.weights) for some in (before, after))
         return (tuple(moved), better) if kept and new > old + 2 * ROUNDED else (cameras, analyses)
 
     def _placed_candidates(
@@ -415,7 +435,8 @@ def refined(table: VisibilityTable, places: Sequence[Installation], numbers: Seq
 
     numbers: of the ways. Cameras that stay see with them; none touches or hides another one, and none of those.
     """
-    cell, ways, wanted = table.question.cell, [table.ways[number] for number in numbers], table.question.requirements
+    question, ways = table.question, [table.ways[number] for number in numbers]
+    cell, requirements = question.cell, question.requirements
     best = [*places, *(table.options[option] for option in table.kept)]
     seen = [[verdicts_of(cell, way, [place])[0] for way in ways] for place in places]
     seen += [[table.sees[number][option] for number in numbers] for option in table.kept]
@@ -431,7 +452,7 @@ def refined(table: VisibilityTable, places: Sequence[Installation], numbers: Seq
             parts = ((gaps[planned.stage.of_interest(way.samples)[:-1]], planned.T_eoi), (gaps, planned.T))
             q_eoi, q_avg = (float(part.sum() / total) if total > 0 else None for part, total in parts)
             pairs.append((q_eoi, q_avg))
-        each_objective = (wanted, replace(wanted, objective="mean"))
+        each_objective = (requirements, replace(requirements, objective="mean"))
         return tuple(round(one.value(pairs, table.weights), 6) for one in each_objective)
 
     present = worth(seen)

@@ -258,8 +258,8 @@ class PlaceDocument(WorkspaceDocument):
         replace_workspace(self.file, self.content)
 
 
-def proof_in_words(found: PlaceDocument, *, fastest: bool) -> str:
-    """What is proven, and about what, in a few sentences. fastest: whether ways with `--ways fastest` are asked for."""
+def proof_in_words(found: PlaceDocument) -> str:
+    """What is proven, and about what, in a few sentences."""
     mounts = "the only mount" if found.mounts == 1 else f"these {found.mounts} mounts"
     if found.reason:
         return f"No camera can be chosen: {found.reason}."
@@ -267,7 +267,7 @@ def proof_in_words(found: PlaceDocument, *, fastest: bool) -> str:
         return f"No choice of {mounts} was found, and that there is none is not proven."
     number, which = count_in_words(len(found.cameras)), f"{found.by} Q"
     about, several = f"these {found.compared.ways} ways", found.compared.ways > 1
-    if fastest:
+    if found.question.fastest:
         about = "the way of each candidate with --ways fastest" if several else "the way with --ways fastest"
     elif found.compared.fastest:
         about = "the fastest of all ways of each candidate" if several else "the fastest of all ways"

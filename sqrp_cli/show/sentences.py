@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from math import ceil, inf
 from typing import TYPE_CHECKING
 
+from sqrp_cli.figures import FIGURE_NAMES, shown_figure
 from sqrp_cli.study.ranking import criterion_figure
 from sqrp_cli.study.result import CandidateResult, Criterion, SamplingDone
 
@@ -33,15 +34,6 @@ KIND_WORDS: Mapping[Kind, str] = {
     "camera": "another camera",
 }
 """What kinds of changes are called."""
-
-_SHOWN: dict[Criterion, tuple[str, float, str]] = {
-    "q_eoi": ("Q_eoi", 100.0, "{:.1f} %"),
-    "q_avg": ("Q_avg", 100.0, "{:.1f} %"),
-    "time": ("a time of", 1.0, "{:.2f} s"),
-    "delay": ("a mean delay of", 1.0, "{:.2f} s"),
-    "expected_time": ("all done at", 1.0, "{:.1f} s"),
-}
-"""Name, scale and format of each criterion's figure."""
 
 LEAST_GAIN = 0.001  # share of what is hidden below which a move of what hides it is not worth a sentence
 LEAST_SHOWN = 5e-4  # least share of a part in a list of several
@@ -74,15 +66,15 @@ def why_first(feasible: Sequence[CandidateResult], by: Criterion) -> str:
     margin = f"{second.name} is as good"
     criteria: tuple[Criterion, ...] = (by, "q_avg", "time")
     for criterion in criteria:
-        label, scale, pattern = _SHOWN[criterion]
+        name = "delay_mean" if criterion == "delay" else criterion
         own, other = criterion_figure(first, criterion), criterion_figure(second, criterion)
         if own is None or other is None:
             continue
         if own < other == inf:
             margin = f"next comes {second.name}, of which a fault may never be noticed"
             break
-        if pattern.format(scale * own) != pattern.format(scale * other):
-            margin = f"next comes {second.name} with {label} {pattern.format(scale * other)}"
+        if shown_figure(name, own) != shown_figure(name, other):
+            margin = f"next comes {second.name} with {FIGURE_NAMES[name]} {shown_figure(name, other)}"
             break
     return f"{first.name} is best: {strengths}; {margin}."
 

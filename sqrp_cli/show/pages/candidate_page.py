@@ -51,13 +51,11 @@ def write_ranking(
         lambda one: playback(job, job.explain(one)), candidates, min(jobs, len(candidates) // 2), progress
     )
     entries = candidate_rows(candidates, list(details))
-    about = origin(arguments, cell.workspace)
+    about = origin(arguments, cell.workspace, found.assumed)
     said = f"{sentences.summary(candidates, found.by)}."
     if found.feasible:
         about.append(("accuracy", sentences.accuracy(found.sampling, found.feasible)))
         said += f" {sentences.why_first(found.feasible, found.by)}"
-    if found.assumed:
-        about.append(("delays", f"{found.assumed}."))
     title = f"{found.task} in {cell.workspace.name}"
     write_page(PageContent(title, said, "Candidates", about, entries, [cell_scene(cell)]), path)
 
@@ -135,10 +133,14 @@ def cell_scene(cell: Cell) -> CellScene:
     return ShowDocument.of(cell), packed(scene_model(cell))
 
 
-def origin(arguments: Sequence[str], workspace: Workspace | None = None) -> list[tuple[str, str]]:
-    """The command and the version that made the page, and the workspace that it is about, if it is about one."""
+def origin(arguments: Sequence[str], workspace: Workspace | None = None, assumed: str = "") -> list[tuple[str, str]]:
+    """The command and the version that made the page, and the workspace that it is about, if it is about one.
+
+    assumed: what delays assume of its cameras.
+    """
     about = [("command", shlex.join(["sqrp", *arguments])), ("SQRP", __version__)]
-    return about if workspace is None else [*about, ("workspace", str(workspace.path)), ("digest", workspace.digest)]
+    about += [] if workspace is None else [("workspace", str(workspace.path)), ("digest", workspace.digest)]
+    return [*about, ("delays", f"{assumed}.")] if assumed else about
 
 
 def computed(work: Callable[[Item], Result], items: Sequence[Item], jobs: int, progress: Progress) -> Iterator[Result]:

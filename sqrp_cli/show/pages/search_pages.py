@@ -34,11 +34,9 @@ def write_advice(
         if not same:
             scenes.append((ShowDocument.of(job.cell), scenes[0][1]))  # cameras are no solids
         entries.append(replace(row, scene=0 if same else len(scenes) - 1))
-    about = origin(arguments, original.cell.workspace)
+    about = origin(arguments, original.cell.workspace, document.assumed)
     if feasible := [one for _, one, _ in rows if one.feasible]:
         about.append(("accuracy", accuracy(sampling_done(original.sampling, feasible), feasible)))
-    if document.assumed:
-        about.append(("delays", f"{document.assumed}."))
     about += [(KIND_WORDS[kind.kind], kind.why) for kind in document.kinds if kind.why is not None]
     count = len(document.advice)
     met = "one change meets it" if count == 1 else f"{count} changes meet it, each on its own"
@@ -115,14 +113,12 @@ def write_placement(
         name, labels = named(task, figures.name)
         labels |= {} if question.fastest else {"way": ""}
         entries.append(PageRow(name, "" if goal is None else "infeasible", labels, figures, figures.why, None, None))
-    about, said = origin(arguments, document.cell.workspace), placement_in_words(document)
+    about, said = origin(arguments, document.cell.workspace, document.assumed), placement_in_words(document)
     about += [("compared", said.comparison), ("proof", said.scope)]
     about += [("to have it", "add --patch FILE to the command")] if document.patch else []
     if document.candidates:
         judged = [one.found for one in document.candidates]
         about.append(("accuracy", accuracy(sampling_done(question.sampling, judged), judged)))
-    if document.assumed:
-        about.append(("delays", f"{document.assumed}."))
     taken = {one.mount: one.name for one in document.cameras}
     # Of each place its position in `frame` [m], the mean quality of all candidates with one camera there and no other,
     # null where none can be, and the camera that was put there.

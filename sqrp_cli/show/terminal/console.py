@@ -223,6 +223,12 @@ def unbroken(parts: Iterable[Styled], between: str = ", ") -> Text:
     return Text(between).join(found)
 
 
+def say_assumed(assumed: str) -> None:
+    """What delays assume of the cameras; nothing where all state their latency."""
+    if assumed:
+        say(f"Delays: {assumed}.")
+
+
 def say_command(text: str, command: str, style: str | None = None) -> None:
     """A sentence that ends in a command. The command is never folded, so that it can be copied.
 

@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import degrees
 
+from sqrp_cli.figures import named_figures
 from sqrp_cli.show import sentences
 from sqrp_cli.show.terminal.console import (
     Column,
@@ -18,6 +19,7 @@ from sqrp_cli.show.terminal.console import (
     plain,
     print_table,
     say,
+    say_assumed,
     seconds,
 )
 from sqrp_cli.study.ranking import compared_quality
@@ -45,8 +47,7 @@ def print_ranking(found: Ranking, *, all_rows: bool = False) -> None:
             named = {0, 1, len(feasible) - 1}
             shown = [feasible[place] for place in sorted(named.union(list(best.values())[:MOST_ROWS]))]
         _print_feasible(feasible, shown)
-        if feasible[0].faults and found.assumed:
-            say(f"Delays: {found.assumed}.")
+        say_assumed(found.assumed if feasible[0].faults else "")
         if (drawn := found.calibration) is not None:
             errors = f"{1000 * drawn.position:g} mm, {degrees(drawn.rotation):g} deg (one standard deviation"
             say(f"\nIf every camera is off by {errors}; {drawn.draws} draws, 5th to 95th percentile):")
@@ -99,9 +100,7 @@ def _sentences(feasible: Sequence[CandidateResult], found: Ranking) -> Iterator[
                 for own, other in ((way.q_eoi, first.q_eoi), (way.q_avg, first.q_avg))
             )
         ):
-            named = (("Q_eoi", way.q_eoi), ("Q_avg", way.q_avg))
-            seen = ", ".join(f"{name} {100 * quality:.1f} %" for name, quality in named if quality is not None)
-            faster.append(f"{one.name} in {way.time:.1f} s ({seen})")
+            faster.append(f"{one.name} in {way.time:.1f} s ({', '.join(named_figures(way, 'q_eoi', 'q_avg'))})")
         total: dict[str, float] = {}
         for end in one.ways.blind_ends if one.ways is not None else ():
             total[end.at] = total.get(end.at, 0.0) + end.seconds

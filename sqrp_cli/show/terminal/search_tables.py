@@ -8,7 +8,7 @@ from itertools import groupby
 from time import monotonic
 from typing import Any
 
-from sqrp_cli.figures import AdvisedFigures
+from sqrp_cli.figures import AdvisedFigures, named_figures
 from sqrp_cli.score.result import Scorecard, Sweep, listed
 from sqrp_cli.search.advice_result import AdviceDocument
 from sqrp_cli.search.goal import MOTION, Goal, shown_size
@@ -25,6 +25,7 @@ from sqrp_cli.show.terminal.console import (
     plain,
     print_table,
     say,
+    say_assumed,
     say_command,
     say_line,
     seconds,
@@ -80,8 +81,7 @@ def print_advice(found: AdviceDocument, *, written: bool = False) -> None:
     if command:
         say()
         say_command(*command)
-    if found.assumed:
-        say(f"Delays: {found.assumed}.")
+    say_assumed(found.assumed)
 
 
 def _conclude(found: AdviceDocument, *, written: bool) -> tuple[str, str] | None:
@@ -117,9 +117,7 @@ def _in_words(found: AdvisedFigures, want: Goal) -> str:
     """The figures of a candidate; how late faults are seen only where that is asked for."""
     if found.time is None:
         return "no feasible motion"
-    parts = [f"Q_eoi {100 * found.q_eoi:.1f} %"] if found.q_eoi is not None else []
-    parts += [f"Q_avg {100 * found.q_avg:.1f} %"] if found.q_avg is not None else []
-    parts.append(f"{found.time:.1f} s")
+    parts = [*named_figures(found, "q_eoi", "q_avg"), f"{found.time:.1f} s"]
     if want.delay is not None and found.unseen is not None:
         late = f"a fault seen after {found.delay_worst:.2f} s at worst" if found.delay_worst is not None else ""
         parts.append(late or "a fault that may never be noticed")
@@ -188,8 +186,7 @@ def print_placement(found: PlaceDocument, *, written: bool = False) -> None:
     say(f"Compared were {said.comparison}.")
     if found.patch and not written:
         say_command("To have it, add", "--patch FILE")
-    if found.assumed:
-        say(f"Delays: {found.assumed}.")
+    say_assumed(found.assumed)
 
 
 def _print_price(found: PlaceDocument) -> None:

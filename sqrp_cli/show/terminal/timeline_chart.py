@@ -7,9 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from sqrp_cli.figures import FIGURE_NAMES, shown_figure
 from sqrp_cli.show.documents.explanation import ExplainedAll, ExplainedCandidate, Explanation, Sample
 from sqrp_cli.show.sentences import accuracy, part_shares_in_words, what_to_move
-from sqrp_cli.show.terminal.console import Column, Styled, joined, output, plain, print_table, say, unbroken
+from sqrp_cli.show.terminal.console import (
+    Column,
+    Styled,
+    joined,
+    output,
+    plain,
+    print_table,
+    say,
+    say_assumed,
+    unbroken,
+)
 from sqrp_cli.study.result import CandidateResult
 
 MOST_SIGNS = 50  # signs in a row if the terminal is wide enough; each stands for an equal share of the motion's time
@@ -64,8 +75,7 @@ def print_explanation(found: Explanation) -> None:
     figures = [] if found.step is not None else [rank]
     figures += [f"way {found.choice}"] if found.has_choice else []
     figures.append(f"time {found.time:.2f} s")
-    for label, quality in (("Q_eoi", found.q_eoi), ("Q_avg", found.q_avg)):
-        figures.append(f"{label} {'-' if quality is None else f'{100 * quality:.1f} %'}")
+    figures += [f"{FIGURE_NAMES[name]} {shown_figure(name, getattr(found, name))}" for name in ("q_eoi", "q_avg")]
     if found.step is None:
         say(joined([(title, "bold"), ": ", unbroken(figures), "\n"]))
     else:
@@ -77,8 +87,7 @@ def print_explanation(found: Explanation) -> None:
     say(plain(unbroken(f"{one.name} {one.does}" for one in found.primitives), "dim"))
     say(plain(unbroken([*LEGEND, *seldom], "  "), "dim"))
     _print_faults(found)
-    if found.faults and found.assumed:
-        say(f"Delays: {found.assumed}.")
+    say_assumed(found.assumed if found.faults else "")
     say(f"\n{_camera_failures(found)}")
     if found.unseen_times:
         say()
@@ -153,8 +162,8 @@ def _camera_failures(found: ExplainedCandidate) -> str:
         return "All that has to be seen is never seen at once, so that no camera is missed if it fails."
     for name, without in found.without_camera.items():
         losses = [
-            f"{label} to {100 * left:.1f} %"
-            for label, left, now in (("Q_eoi", without.q_eoi, found.q_eoi), ("Q_avg", without.q_avg, found.q_avg))
+            f"{FIGURE_NAMES[name]} to {shown_figure(name, left)}"
+            for name, left, now in (("q_eoi", without.q_eoi, found.q_eoi), ("q_avg", without.q_avg, found.q_avg))
             if left is not None and now is not None and round(left, 3) < round(now, 3)
         ]
         if losses:
