@@ -24,7 +24,7 @@ LONG = 30
 """Lines of a function, without its docstring, that are many."""
 
 ROOMS = {
-    "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_276),
+    "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_303),
     "files": ("files", 2_002),
     "robot": ("robot", 2_697),
     "camera": ("camera", 1_809),
@@ -34,13 +34,13 @@ ROOMS = {
     "task": ("task", 929),
     "motion": ("motion", 2_684),
     "sight": ("kernel sight", 1_477),
-    "study": ("study", 4_249),
-    "search": ("search", 4_334),
+    "study": ("study", 4_252),
+    "search": ("search", 4_338),
     "checks": ("checks", 1_238),
     "run": ("run", 7_300),
     "field": ("field ros", 2_946),
-    "score": ("score", 2_297),
-    "show": ("show", 4_875),
+    "score": ("score", 2_293),
+    "show": ("show", 4_874),
     "ask": ("ask cli __init__ __main__", 5_131),
     "studio": ("studio", 1_760),
     "starter, platform": ("starter platform", 1_777),

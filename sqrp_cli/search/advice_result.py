@@ -163,7 +163,7 @@ class AdviceFound(ChangeFound):
 
 @dataclass(frozen=True, kw_only=True)
 class NearestChange(ChangeFound):
-    """A change that does not meet the goal but comes near; as text, a sentence without its full stop."""
+    """A change that does not meet the goal but comes near; as text, the end of a sentence."""
 
     missing: tuple[str, ...]
     """What is missing, in a few words each."""
@@ -173,9 +173,7 @@ class NearestChange(ChangeFound):
     """Whether it comes nearer to the goal than what it starts from; false where nothing that was tried does."""
 
     def __str__(self) -> str:
-        if not self.nearer:
-            return "Nothing that was tried comes nearer, either"
-        return f"To {self.words} comes nearest: {'; '.join(self.missing)}"
+        return f"nearest: {self.words} ({'; '.join(self.missing)})" if self.nearer else "nothing comes nearer"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,7 +30,7 @@ from sqrp_cli.search.question import (
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.study.in_the_way import hidden_views, to_move
 from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult
-from sqrp_cli.study.verdict import verdict, without_remedy
+from sqrp_cli.study.verdict import NO_OTHER, verdict, without_remedy
 from sqrp_cli.study.whole_analysis import WholeAnalysis, reasons_of_step, whole_analysis, worst_seen
 from sqrp_cli.task.feasibility import impossible_start
 
@@ -47,7 +47,7 @@ def outcomes(question: Question, remembered: Remembered = lambda _, search: sear
     start, suffices = Start(question), False
     for kind in KINDS if question.kinds is None else question.kinds:
         if suffices and question.kinds is None:
-            yield KindOutcome(kind=kind, why="not tried, because the motion is enough; --kinds names what to try")
+            yield KindOutcome(kind=kind, why="not tried, as the motion is enough; --kinds tries them")
             continue
         outcome = remembered(kind, partial(_outcome, start, kind))
         suffices |= kind in MOTION and bool(outcome.found)
@@ -88,7 +88,7 @@ def _outcome(start: Start, kind: Kind) -> KindOutcome:
         worst = worst_seen([step.result("") for step in steps])
         sentence = verdict(near.change.in_cell(question.cell), steps[worst])
         said = reasons_of_step(near.analysis.candidate, worst + 1, [sentence])[0]
-        limit = reached.why_late if said.endswith(NOTHING_MISSING) else without_remedy(said)
+        limit = reached.why_late if said.endswith(NOTHING_MISSING) else without_remedy(said).partition(NO_OTHER)[0]
     missing, nearer = goal.missed(reached), goal.is_nearer(reached, before)
     found = _change_found(near.change, reached)
     nearest = from_fields(NearestChange, found, missing=missing, limit=limit, nearer=nearer)
@@ -127,9 +127,8 @@ def changed_camera(start: Start, kind: Literal["aim", "position", "lens"]) -> Se
         if kind == "position" and len(centred.bound.corners) and not centred.meets(centred.change(np.zeros(3))):
             aside.append(partial(CameraMove, start, kind, camera, middle=True))
     if not moves:
-        return NoneMeets("no camera alone can: where one is missing, another is missing too")
-    none = f"no {kind} of a single camera meets the goal"
-    return least_changes(start.question, [*moves, *aside], none, "there is no free place for a camera")
+        return NoneMeets("none of a single camera can be: where one is missing, another is, too")
+    return least_changes(start.question, [*moves, *aside], "none is enough", "there is no free place for a camera")
 
 
 def moved_object(start: Start) -> Sequence[Tried] | NoneMeets:
@@ -157,9 +156,8 @@ def moved_object(start: Start) -> Sequence[Tried] | NoneMeets:
     if not names:
         return NoneMeets("no object is handled or hides anything")
     moves: list[Callable[[], Move]] = [partial(ObjectMove, question, name) for name in names]
-    tried = f"in none of {DIRECTIONS} directions, up to {100 * BOUNDS.reaches[-1]:.0f} cm,"
-    none = f"{tried} does a place of {', '.join(names)} meet the goal"
-    nowhere = f"{tried} is a place where {', '.join(names)} can be handled and stand clear of all else"
+    tried = f"for {', '.join(names)}, in {DIRECTIONS} directions up to {100 * BOUNDS.reaches[-1]:.0f} cm"
+    none, nowhere = f"none is enough {tried}", f"there is no free place within reach {tried}"
     return least_changes(question, moves, none, nowhere)
 
 

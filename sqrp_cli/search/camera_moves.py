@@ -252,10 +252,10 @@ def further_camera(start: Start) -> Sequence[Tried] | NoneMeets:
         return None
 
     if not CameraMove(start, "camera", replace(fixed[0], name=name)).bound.hopeful:
-        return NoneMeets("one more camera is not enough")
+        return NoneMeets("one more is not enough, wherever it is")
     answers = [one for one in in_processes(best, few, question.jobs) if one is not None]
     if not answers:
-        return NoneMeets("from no free place that was tried does one more camera meet the goal")
+        return NoneMeets("one more is not enough from any free place that was tried")
     return [max(answers, key=lambda one: one.margin.more if one.margin else 0.0)]
 
 

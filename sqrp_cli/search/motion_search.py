@@ -52,8 +52,8 @@ def other_way(question: Question) -> Sequence[Tried] | NoneMeets:
             return [tried]
         near.append(tried)
     if best.ways is None:
-        return NoneMeets(f"none of {len(near)} combinations of the steps' ways meets the goal", near)
-    return NoneMeets(f"none of {best.ways.tried} meets the goal", near)
+        return NoneMeets(f"none of {len(near)} combinations of the steps' ways is enough", near)
+    return NoneMeets(f"none of {best.ways.tried} is enough", near)
 
 
 def seen_path(question: Question) -> Sequence[Tried] | NoneMeets:
@@ -71,7 +71,7 @@ def seen_path(question: Question) -> Sequence[Tried] | NoneMeets:
         if question.met_for_sure(None, whole):
             return near[-1:]
     if near:
-        return NoneMeets("no path that was found meets the goal", near)
+        return NoneMeets("none that was found is enough", near)
     stated = "not tried: the skills or the task say which paths"
     return NoneMeets(stated if candidate.steps else "it cannot be done, or not in that time")
 

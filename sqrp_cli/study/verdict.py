@@ -39,6 +39,9 @@ _MOST_TURN, _MOST_SHIFT, _TRIED = 30, 1.0, 3
 _HELP, _MAY_HELP = ". It would help to ", ". It may help to "
 """Begin the sentence about the remedy: a change with which all that is lost is seen, or one that is not tried."""
 
+NO_OTHER = ", and no other camera makes up for it"
+"""Begins what a verdict says of the other cameras."""
+
 _SENTENCES = {
     Cause.BEHIND: "{camera} looks away from {target}",
     Cause.TOO_NEAR: "{camera} is {figure} too near to {target}",
@@ -168,7 +171,7 @@ class BlindStretch:
         both = self.before == self.after
         times = [(self.before, "before and after")] if both else [(self.before, "before"), (self.after, "after")]
         around = ", ".join(f"{_who_see(names)} it {word}" for names, word in times if names)
-        return f"{sentence}, and no other camera makes up for it ({_listed(others)}){around and f'; {around}'}"
+        return f"{sentence}{NO_OTHER} ({_listed(others)}){around and f'; {around}'}"
 
     @property
     def advice(self) -> str:

@@ -43,7 +43,7 @@ def write_advice(
     if document.met:
         met = "that is met already"
     elif not count:
-        met = "nothing that was tried meets it" + ("" if document.nearest is None else f". {document.nearest}")
+        met = "nothing is enough" + ("" if document.nearest is None else f"; {document.nearest}")
     summary = f"{document.candidate} is to have {goal}: {met}. {document.held}".strip()
     title = f"What would help: {document.task} in {document.workspace}"
     write_page(PageContent(title, summary, "Changes", about, entries, scenes), path)

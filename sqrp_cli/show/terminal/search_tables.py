@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable
-from itertools import groupby
 from time import monotonic
 from typing import Any
 
@@ -71,13 +70,12 @@ def print_advice(found: AdviceDocument, *, written: bool = False) -> None:
         say(joined([(f"#{number} costs", "red"), f" {cost}"]), indent=4)
     if found.held:
         say(found.held)
-    for why, same in groupby((one for one in found.kinds if not one.found), key=lambda one: one.why):
-        outcomes = list(same)
-        say(joined([("no   ", "dim"), f" {', '.join(KIND_WORDS[one.kind] for one in outcomes)}: {why}"]), indent=6)
-        for nearest in (one.nearest for one in outcomes if one.nearest is not None):
-            then = f"nearest: {nearest.words}, then {'; '.join(nearest.missing)}"
-            near, about = (then, "") if nearest.nearer else ("nothing comes nearer", f"to {nearest.words}: ")
-            say(plain(f"      {near}{f' ({about}{nearest.limit})' if nearest.limit else ''}", "dim"), indent=6)
+    unmet: dict[str, list[str]] = {}
+    for kind in (kind for kind in found.kinds if not kind.found):
+        near = "" if kind.nearest is None else f"; {kind.nearest}{kind.nearest.limit and f': {kind.nearest.limit}'}"
+        unmet.setdefault(f"{kind.why}{near}", []).append(KIND_WORDS[kind.kind])
+    for why, kinds in unmet.items():
+        say(joined([("no   ", "dim"), f" {', '.join(kinds)}: {why}"]), indent=6)
     if command:
         say()
         say_command(*command)
@@ -91,14 +89,14 @@ def _conclude(found: AdviceDocument, *, written: bool) -> tuple[str, str] | None
     if found.met:
         say("That is met already: nothing has to change.")
     elif not found.advice:
-        nothing = "Nothing that was searched so far" if found.interrupted else "Nothing"
+        nothing = "Nothing that was searched so far is enough" if found.interrupted else "Nothing is enough"
         if found.nearest is not None:
-            say(f"{nothing} meets the goal. {found.nearest}.")
+            say(f"{nothing}; {found.nearest}.")
         elif found.first:
             say(f"No change helps: {found.first}.")
             return "These steps as a program:", "sqrp check WORKSPACE TASK --program FILE"
         elif found.kinds:
-            say("Nothing that was tried meets the goal.")
+            say(f"{nothing}.")
     else:
         number = next((n for n, one in enumerate(found.advice, 1) if one.kind in MOTION or not one.worse), 1)
         one = found.advice[number - 1]
