@@ -230,8 +230,7 @@ def read_detectors(
         try:
             found[name] = Detector.of(entry, cameras, markers)
         except ValueError as error:
-            mend = "state `distance` and `min_pixels`"
-            reader.report("missing-key", ("detectors", name), f"`{dotted(('detectors', name))}`: {error}", mend)
+            reader.report("missing-key", ("detectors", name), str(error), "state `distance` and `min_pixels`")
     return found
 
 

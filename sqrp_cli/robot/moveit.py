@@ -40,7 +40,6 @@ class SrdfModel:
     disabled_pairs: frozenset[tuple[str, str]]
     """Pairs of links whose contact is not checked, each pair in alphabetical order."""
     content: bytes = b""  # what it was read from: the file, or what its xacro stands for
-    expanded: str | None = None  # the SRDF as text if the file is a xacro
     warnings: tuple[Problem, ...] = ()  # about what was left out
 
 
@@ -96,7 +95,6 @@ def read_srdf(path: Path, urdf: UrdfModel, source: RobotSource | None = None) ->
         tool_links=tool_links,
         disabled_pairs=frozenset(pairs),
         content=xml.content,
-        expanded=xml.expanded,
         warnings=tuple(warnings),
     )
 

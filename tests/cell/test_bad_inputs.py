@@ -36,6 +36,7 @@ def test_bad_input_is_refused_with_place_reason_and_remedy(case, damaged, positi
         assert (problem.place.line, problem.place.column) == position_of(case["at"], problem.place.file), str(problem)
     if "line" in case:
         assert problem.place.line == case["line"], str(problem)
+    assert re.match(r"(`[^`]+`): \1:", problem.message) is None, "a name is said once"
     for piece in case.get("says", []):
         assert str(piece) in problem.message
     assert case.get("mend", "") in (problem.mend or "")

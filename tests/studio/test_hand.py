@@ -89,6 +89,16 @@ HEARD = """() => {
   };
 }"""
 
+SHIFT = """() => {
+  const [now, advise] = ['#now', '#advise'].map((id) => document.querySelector(id));
+  const empty = advise.offsetTop;
+  now.textContent = 'Ranking …';
+  const full = advise.offsetTop;
+  now.textContent = '';
+  return full - empty;
+}"""
+"""By how much a button moves when nothing is computed any more [pixels]."""
+
 
 def test_what_is_of_before_is_dimmed_and_what_is_computed_is_said(hand):
     hand.ranked()
@@ -107,6 +117,7 @@ def test_what_is_of_before_is_dimmed_and_what_is_computed_is_said(hand):
     assert any(old_figures and now.startswith(f"Ranking {TASK} …") for _, _, old_figures, _, now in told)
     assert any(now.endswith("over time …") and old_time for *_, old_time, now in told)
     assert told[-1] == [True, False, False, False, ""]
+    assert hand.js(SHIFT) == 0, "a click that began when the text went away would be lost"
 
 
 FIRST = """window.said = []; new MutationObserver(() => {

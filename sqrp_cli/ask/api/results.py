@@ -15,11 +15,12 @@ LARGEST = 1 << 30  # most bytes of a file with a result
 
 
 def is_result(path: Path) -> bool:
-    """Whether a file is JSON that begins as a result of `--json` or a baseline does, or is empty: no workspace."""
+    """Whether a file is JSON that begins as a result of `--json` or a baseline does, or is called so: no workspace."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        return re.match(rb'\s*\{\s*("(schema|format)"\s*:|\})', file.read(1000)) is not None
+        begins = re.match(rb'\s*\{\s*("(schema|format)"\s*:|\})', file.read(1000)) is not None
+    return begins or path.suffix == ".json"
 
 
 def read_result(path: str | Path) -> Document:

@@ -127,10 +127,13 @@ def diagnostics() -> Console:
 def print_table(columns: Sequence[Column], rows: Iterable[Sequence[TableCell]]) -> None:
     """A table without frames, two spaces between columns.
 
-    If the terminal is too narrow, bars are left out and titles broken; if that is not enough, each row becomes a
+    Without rows it says so. If the terminal is too narrow, bars are left out and titles broken; if that is not enough, each row becomes a
     paragraph of titles and values, in which no figure is folded.
     """
     console, lines = output(), list(rows)
+    if not lines:
+        say(f"{columns[0].title}: none")
+        return
     for narrow in (False, True):
         titles, cells, width = _laid_out(columns, lines, narrow=narrow)
         if width > console.width:
