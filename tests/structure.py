@@ -26,9 +26,9 @@ LONG = 30
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_303),
     "files": ("files", 2_002),
-    "robot": ("robot", 2_697),
+    "robot": ("robot", 2_695),
     "camera": ("camera", 1_809),
-    "cell": ("cell", 3_185),
+    "cell": ("cell", 3_184),
     "logic": ("logic", 2_330),
     "skill, program": ("skill program", 1_825),
     "task": ("task", 929),
@@ -40,8 +40,8 @@ ROOMS = {
     "run": ("run", 7_300),
     "field": ("field ros", 2_946),
     "score": ("score", 2_293),
-    "show": ("show", 4_886),
-    "ask": ("ask cli __init__ __main__", 5_130),
+    "show": ("show", 4_889),
+    "ask": ("ask cli __init__ __main__", 5_131),
     "studio": ("studio", 1_760),
     "starter, platform": ("starter platform", 1_777),
 }

@@ -127,8 +127,8 @@ def diagnostics() -> Console:
 def print_table(columns: Sequence[Column], rows: Iterable[Sequence[TableCell]]) -> None:
     """A table without frames, two spaces between columns.
 
-    Without rows it says so. If the terminal is too narrow, bars are left out and titles broken; if that is not enough, each row becomes a
-    paragraph of titles and values, in which no figure is folded.
+    Without rows it says so. If the terminal is too narrow, bars are left out and titles broken; if that is not enough,
+    each row becomes a paragraph of titles and values, in which no figure is folded.
     """
     console, lines = output(), list(rows)
     if not lines:
