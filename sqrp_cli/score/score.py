@@ -23,7 +23,6 @@ from sqrp_cli.shown import shown_name
 from sqrp_cli.study.pipeline import described
 from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult
-from sqrp_cli.study.verdict import without_remedy
 from sqrp_cli.task.candidate import THEN
 from sqrp_cli.task.task import Candidate, read_task
 
@@ -203,7 +202,7 @@ def shortcomings(best: CandidateResult | None, expected: ExpectedTask, why_none:
     """
     if best is None:
         return () if expected.feasible is False else (f"no candidate can be done: {why_none}",)
-    name, lost, said = best.candidate.name, without_remedy(best.verdict), list[str]()
+    name, lost, said = best.candidate.name, best.loss, list[str]()
     if expected.feasible is False:
         said.append(f"{name} can be done, but no candidate was expected to be")
     qualities = (("Q_eoi", best.q_eoi, expected.min_q_eoi), ("Q_avg", best.q_avg, expected.min_q_avg))

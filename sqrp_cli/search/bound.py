@@ -47,7 +47,7 @@ class CameraBound:
         self._faults = list[tuple[Indices, Array, Mask]]()
         """Of each: the r samples in which it may happen, their times (r,) [s], and those that tell nothing, (r,)."""
         lost, rows, columns = [], [], []
-        interesting, monitored = [np.zeros(0)], [np.zeros(0)]
+        of_interest, monitored = [np.zeros(0)], [np.zeros(0)]
         row = column = 0
         for step, some in zip(steps, samples, strict=True):
             required = step.planned.stage.requires(step.planned.targets, some)
@@ -61,7 +61,7 @@ class CameraBound:
             columns.append(own[:, 1] + column)
             after = np.append(some.gaps, 0.0)[: len(some)]
             monitored.append(after)
-            interesting.append(np.where(step.planned.stage.of_interest(some), after, 0.0))
+            of_interest.append(np.where(step.planned.stage.of_interest(some), after, 0.0))
             for fault, atoms in step.planned.faults.items() if goal.delay is not None else ():
                 at = np.flatnonzero(_inside(step, fault, some))
                 if len(at):  # where other literals are required, too, nothing follows about this fault
@@ -69,11 +69,11 @@ class CameraBound:
                     self._faults.append((at + row, some.t[at], unknown))
             row, column = row + len(some), column + len(step.planned.targets)
         self._hopeless, self._row, self._target = map(np.concatenate, (lost, rows, columns))
-        of_interest, whole = (
-            sum(times) for times in zip(*((s.planned.T_eoi, s.planned.T) for s in steps), strict=True)
-        )
-        parts = ((goal.q_eoi, of_interest, interesting), (goal.q_avg, whole, monitored))
-        self._qualities = [(least, T, np.concatenate(weights)[:-1]) for least, T, weights in parts if least is not None]
+        T_eoi, T = (sum(times) for times in zip(*((s.planned.T_eoi, s.planned.T) for s in steps), strict=True))
+        parts = ((goal.q_eoi, T_eoi, of_interest), (goal.q_avg, T, monitored))
+        self._qualities = [
+            (least, time, np.concatenate(weights)[:-1]) for least, time, weights in parts if least is not None
+        ]
         self._decisive = np.zeros(row, dtype=bool)  # of these samples every one counts
         for least, _, weight in self._qualities:
             if least >= 1.0:

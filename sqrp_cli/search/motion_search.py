@@ -146,7 +146,7 @@ def _of_steps(question: Question) -> Iterator[WholeAnalysis]:
         if len(longer) > MOST_BEGINNINGS:
             covered = []  # how long each is seen, time of events of interest counted twice [s]
             for steps, _ in longer:
-                each = [step.result("") for step in steps]
+                each = [step.result for step in steps]
                 covered.append(
                     sum((f.q_avg or 0.0) * (f.t_total or 0.0) + (f.q_eoi or 0.0) * (f.t_eoi or 0.0) for f in each)
                 )

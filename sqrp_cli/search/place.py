@@ -210,7 +210,7 @@ class CameraPlacer:
             only = Goal(delay=goal.delay)
             exact = with_delays(table.cell_with(cameras), watched, self.question.sampling)
             pairs = zip(selection.ways, exact, strict=True)
-            late = {(selection.options, way) for way, one in pairs if not only.met(one.result(""))}
+            late = {(selection.options, way) for way, one in pairs if not only.met(one.result)}
         value = requirements.value([_BOTH(one.without_delays) for one in watched], table.weights)
         return value, watched, late
 
@@ -253,7 +253,7 @@ class CameraPlacer:
             analysed = with_delays(cell, table.watched(stay, firsts), self.question.sampling)
             blank = []
             for way, one in zip((table.ways[number] for number in firsts), analysed, strict=True):
-                about = {"task": way.task, "candidate": way.candidate.name, "found": one.result("")}
+                about = {"task": way.task, "candidate": way.candidate.name, "found": one.result}
                 blank.append(from_fields(PlacedCandidate, about["found"], **about, ranked=None))
             why = obstacle(problem, requirements, blind=blind) if result.proven or blind else ""
             return self._document(problem, **fields, reason=why, candidates=blank, cell=cell)
@@ -385,7 +385,7 @@ class CameraPlacer:
         all_cameras = [*(placed.camera for placed in moved), *stay]
         watched, cell = table.watched(all_cameras, selection.ways), table.cell_with(all_cameras)
         better = with_delays(cell, watched, self.question.sampling)
-        before, after = ([analysis.result("") for analysis in some] for some in (analyses, better))
+        before, after = ([analysis.result for analysis in some] for some in (analyses, better))
         kept = goal is None or all(goal.met(now) or not goal.met(then) for then, now in zip(before, after, strict=True))
         value = self.question.requirements.value
         old, new = (value(map(_BOTH, some), table.weights) for some in (before, after))
@@ -398,7 +398,7 @@ class CameraPlacer:
         question, table, placed = self.question, self.table, list[PlacedCandidate]()
         places = [table.spots[problem.site[option]] for option in selection.options]
         for number, analysis in zip(selection.ways, analyses, strict=True):
-            way, old, taken = table.ways[number], analysis.result(""), None
+            way, old, taken = table.ways[number], analysis.result, None
             if not question.fastest:
                 all_seen = all(compared_quality(q) == compared_quality(1.0) for q in (old.q_eoi, old.q_avg))
                 # Where all is seen no way that takes longer is better.
@@ -421,7 +421,7 @@ class CameraPlacer:
                     swept = bool(blocked(question.cell, other.swept, places).any())
                 analysis = analysis if worse or late or swept else taken.analysis
             named = with_branch(question.cell, way.planned) if question.fastest else analysis.planned.candidate
-            figures = replace(analysis.result(""), candidate=way.candidate, best_way=named)
+            figures = replace(analysis.result, candidate=way.candidate, best_way=named)
             pairs = [] if ranked is None else [(getattr(ranked, q), getattr(figures, q)) for q in _COMPARED]
             others = any((a is None) != (b is None) or abs((a or 0.0) - (b or 0.0)) > 1e-6 for a, b in pairs)
             about = {"task": way.task, "candidate": way.candidate.name, "found": figures}

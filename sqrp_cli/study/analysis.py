@@ -110,8 +110,9 @@ class Analysis(Observed):
     onsets: Mapping[str, tuple[Onset, ...]]
     """From when on images show each fault, for each interval in which it may happen, by its name."""
 
-    def result(self, verdict: str) -> CandidateResult:
-        """The figures of the candidate."""
+    @property
+    def result(self) -> CandidateResult:
+        """The figures of the candidate, without a verdict."""
         timeline, candidate, motion = self.timeline, self.planned.candidate, self.planned.motion
         faults = {
             fault: fault_metrics(windows, self.onsets[fault], self.recovery, motion.time)
@@ -125,7 +126,6 @@ class Analysis(Observed):
             largest_gap=timeline.largest_gap,
             remarks=motion.remarks,
             outside=formulas_outside(candidate, motion),
-            verdict=verdict,
             retried=tuple(name for name in faults if name in candidate.skill.retried_faults),
             why_late="" if latest is None else why_late(faults[latest], self.windows[latest], self.onsets[latest]),
         )

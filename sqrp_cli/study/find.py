@@ -77,7 +77,7 @@ class BestWay:
 
     analysis: Analysis
     result: CandidateResult
-    """The figures of the analysis, without a sentence."""
+    """Of the analysis."""
     ways: WaysFound
 
 
@@ -124,7 +124,7 @@ def find_way(
     if compared:
         watched = list(compress(watched, contenders([one.without_delays for one in watched], wanted.by)))
     analyses = with_delays(cell, watched, sampling)
-    ranked = rank([analysis.result("") for analysis in analyses], wanted.by)
+    ranked = rank([analysis.result for analysis in analyses], wanted.by)
     best = ranked[0]
     chosen = next(analysis for analysis in analyses if analysis.planned.candidate is best.candidate)
     ends: tuple[BlindEnd, ...] = blind_ends(chosen, candidate.open_paths) if candidate.open_paths else ()

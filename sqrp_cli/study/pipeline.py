@@ -28,7 +28,7 @@ from sqrp_cli.study.result import (
 )
 from sqrp_cli.study.robustness import DRAWS, Calibration, expected_quality, under_calibration_errors
 from sqrp_cli.study.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
-from sqrp_cli.study.verdict import verdict
+from sqrp_cli.study.verdict import with_verdict
 from sqrp_cli.study.whole_analysis import result_of_steps, whole_observed, world_left
 from sqrp_cli.task.grips import choice_in_words, way_in_words
 from sqrp_cli.task.task import Candidate, in_words
@@ -70,7 +70,7 @@ class RankJob:
     plans: Plans | None = None
     """The motions of candidates in this world, if they are to be kept for other cameras."""
     verdicts: bool = True
-    """Whether `assess` gives a verdict on each; where few are shown, `with_verdict` gives theirs."""
+    """Whether `assess` gives a verdict on each; where few are shown, `add_verdict` gives theirs."""
 
     def assess(self, candidate: Candidate) -> CandidateResult:
         """The figures of one candidate in the wanted way, or why it is infeasible."""
@@ -89,18 +89,19 @@ class RankJob:
             q_expected=expected_quality(self.cell, analysis),
             recalibrated=() if errors is None else under_calibration_errors(self.cell, analysis, self.sampling, errors),
         )
-        return replace(result, verdict=verdict(self.cell, analysis)) if self.verdicts else result
+        return with_verdict(self.cell, analysis, result) if self.verdicts else result
 
-    def with_verdict(self, known: CandidateResult) -> CandidateResult:
+    def add_verdict(self, known: CandidateResult) -> CandidateResult:
         """A feasible result with the verdict that `assess` left out."""
         seen = whole_observed(self.cell, known.way, self.world, self.sampling, full=False)
         if isinstance(seen, Infeasible):
             raise ValueError(f"{known.candidate.name} was feasible a moment ago")
-        verdicts = [verdict(self.cell, one) for one in seen]
+        parts = known.steps or (known,)
+        done = tuple(with_verdict(self.cell, one, part) for one, part in zip(seen, parts, strict=True))
         if not known.steps:
-            return replace(known, verdict=verdicts[0])
-        steps = [replace(step, verdict=words) for step, words in zip(known.steps, verdicts, strict=True)]
-        return replace(known, verdict=result_of_steps(known.candidate, steps).verdict, steps=tuple(steps))
+            return done[0]
+        whole = result_of_steps(known.candidate, done)
+        return replace(known, verdict=whole.verdict, loss=whole.loss, remedy=whole.remedy, steps=done)
 
     def steps_done(self, candidate: Candidate) -> list[tuple[CandidateResult, World]]:
         """The steps of a candidate of several, each in its wanted way, with the world that those before it leave.
@@ -138,7 +139,7 @@ class RankJob:
             found = analyse(self.cell, known.way, self.world, self.sampling, full=True)
             if isinstance(found, Infeasible):
                 raise ValueError(f"{known.candidate.name} was feasible a moment ago")
-            analysis, figures = found, found.result(verdict(self.cell, found))
+            analysis, figures = found, with_verdict(self.cell, found, found.result)
             result = replace(figures, candidate=known.candidate, q_expected=expected_quality(self.cell, found))
         result = replace(result, best_way=known.best_way, rank=known.rank, pareto=known.pareto, ways=known.ways)
         return Explained(described(result), analysis, tuple(steps))

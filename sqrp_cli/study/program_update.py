@@ -28,7 +28,7 @@ from sqrp_cli.study.fault_sights import distinguishing
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.timeline import observe
-from sqrp_cli.study.verdict import verdict
+from sqrp_cli.study.verdict import with_verdict
 from sqrp_cli.task.task import Candidate
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def replanned(cell: Cell, step: record.Step, world: World) -> record.Step | None
     if isinstance(found, Infeasible):
         return None
     cameras = tuple(camera.name for camera in cell.observer.cameras)
-    return make_step(step.task, found, found.result(verdict(cell, found)), cameras)
+    return make_step(step.task, found, with_verdict(cell, found, found.result), cameras)
 
 
 def candidate_of(step: record.Step, cell: Cell) -> Candidate:

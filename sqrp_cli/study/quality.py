@@ -17,7 +17,7 @@ def qualities_over(timeline: Timeline) -> Qualities:
     """
     gaps, within = timeline.samples.gaps, timeline.covered[:-1] & timeline.covered[1:]
     within &= np.diff(timeline.samples.piece) == 0
-    of_interest = within & timeline.interesting[:-1]
+    of_interest = within & timeline.of_interest[:-1]
     parts = ((gaps[within], timeline.request.T), (gaps[of_interest], timeline.request.T_eoi))
     # Rounding may add a little.
     return Qualities(*(min(float(part.sum()), T) / T if T > 0 else None for part, T in parts))

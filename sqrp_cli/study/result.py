@@ -24,8 +24,8 @@ else:  # no file has it
 Criterion = Literal["q_eoi", "q_avg", "time", "delay", "expected_time"]
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
 
-NOTHING_MISSING = "Every literal is covered all the time."
-"""The verdict on a candidate without loss."""
+NOTHING_MISSING = "Every literal is covered all the time"
+"""What the verdict says of a candidate without loss."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,6 +120,10 @@ class CandidateResult(Figures):
     """Of a task of several steps: each that was looked at. Names of parameters and faults of the whole begin with the
     step's number."""
 
+    loss: str = live("")
+    """What the verdict says of where it is blind and why, without a full stop."""
+    remedy: str = live("")
+    """What it says would help; empty where nothing is known to."""
     candidate: Candidate = live()
     best_way: Candidate | None = live()
     """The way behind the figures, if the candidate leaves something free."""

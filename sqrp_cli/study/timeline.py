@@ -89,7 +89,7 @@ class Timeline:
         return self.monitored & ~self.observation.blind
 
     @cached_property
-    def interesting(self) -> Mask:
+    def of_interest(self) -> Mask:
         """Whether each sample lies in an event of interest, shape (m,)."""
         return self.request.stage.of_interest(self.samples)
 
@@ -110,7 +110,7 @@ class Timeline:
     def transition_error(self) -> float:
         """Bound on the error of Q from the unknown times of transitions between samples, as a fraction."""
         width = np.where(self.covered[1:] != self.covered[:-1], self.samples.gaps, 0.0)
-        within = width[self.interesting[:-1]].sum()
+        within = width[self.of_interest[:-1]].sum()
         pairs = ((width.sum(), self.request.T), (within, self.request.T_eoi))
         return max(float(error / T) if T else 0.0 for error, T in pairs)
 
@@ -162,7 +162,7 @@ def observe(
             # bisection can find all covered, and how long of that is of interest.
             lost = seen.required & ~seen.covered
             gaps = np.where((lost[:-1] & lost[1:]).any(axis=1), samples.gaps, 0.0)
-            if (np.array([gaps.sum(), gaps[timeline.interesting[:-1]].sum()]) >= bars).all(axis=1).any():
+            if (np.array([gaps.sum(), gaps[timeline.of_interest[:-1]].sum()]) >= bars).all(axis=1).any():
                 break
         if (finer := _finer(timeline, sampling.tolerance)) is None:
             break
@@ -191,10 +191,10 @@ def _finer(timeline: Timeline, tolerance: float) -> tuple[Samples, Indices] | No
     # How wide the bracket from each sample to the next may be [s], shape (m - 1,); infinite where nothing changes.
     apart = np.diff(piece) == 0
     state = (timeline.covered[1:] != timeline.covered[:-1]) & apart
-    interesting = state & timeline.interesting[:-1]
+    of_interest = state & timeline.of_interest[:-1]
     error, error_eoi = tolerance * request.T, _SHARE * tolerance * (request.T_eoi or request.T)
     allowed = np.where(state, _SHARE * error / max(1, int(state.sum())), np.inf)
-    allowed[interesting] = np.minimum(allowed[interesting], error_eoi / max(1, int(interesting.sum())))
+    allowed[of_interest] = np.minimum(allowed[of_interest], error_eoi / max(1, int(of_interest.sum())))
     for columns in request.faults.values():
         covered: Mask = np.all(timeline.observation.covered[:, list(columns)], axis=1)
         changes = (covered[1:] != covered[:-1]) & apart

@@ -27,7 +27,7 @@ from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import Target
 from sqrp_cli.study.analysis import Observed
 from sqrp_cli.study.blind_spans import by_name, first_failing
-from sqrp_cli.study.result import NOTHING_MISSING
+from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult
 
 _LOOKS, _LOOKS_OF_SEVERAL = 5, 25
 """Samples of a blind stretch at which the causes are looked up; where several cameras are needed, each may see at some
@@ -35,12 +35,6 @@ of them."""
 
 _MOST_TURN, _MOST_SHIFT, _TRIED = 30, 1.0, 3
 """By how much a camera may be turned [deg] or moved [m] to close a gap, and how many are tried, the least first."""
-
-_HELP, _MAY_HELP = ". It would help to ", ". It may help to "
-"""Begin the sentence about the remedy: a change with which all that is lost is seen, or one that is not tried."""
-
-NO_OTHER = ", and no other camera makes up for it"
-"""Begins what a verdict says of the other cameras."""
 
 _SENTENCES = {
     Cause.BEHIND: "{camera} looks away from {target}",
@@ -155,6 +149,17 @@ class BlindStretch:
     """The cameras that see it right after."""
 
     def __str__(self) -> str:
+        if len(self.causes) < 2 or self.needed > 1:
+            return self.in_short
+        both = self.before == self.after
+        times = [(self.before, "before and after")] if both else [(self.before, "before"), (self.after, "after")]
+        around = ", ".join(f"{_who_see(names)} it {word}" for names, word in times if names)
+        others = _listed(self.causes[1:])
+        return f"{self.in_short}, and no other camera makes up for it ({others}){around and f'; {around}'}"
+
+    @property
+    def in_short(self) -> str:
+        """Which camera does not see it when, and why; where several have to, all that do not."""
         when = TimeInterval(self.start, self.end).when
         if not self.causes:
             cameras = "1 camera that sees" if self.needed == 1 else f"{self.needed} cameras that see"
@@ -164,14 +169,7 @@ class BlindStretch:
             # No single camera is to blame, and each may see the target for a while.
             seen = f"; {_who_see(self.seeing)} it" if self.seeing else ""
             return f"Fewer than {self.needed} cameras see {self.atom} {when} ({_listed(self.causes)}{seen})"
-        nearest, *others = self.causes
-        sentence = f"{nearest.sentence(_SENTENCES, self.atom)} {when}"
-        if not others:
-            return sentence
-        both = self.before == self.after
-        times = [(self.before, "before and after")] if both else [(self.before, "before"), (self.after, "after")]
-        around = ", ".join(f"{_who_see(names)} it {word}" for names, word in times if names)
-        return f"{sentence}{NO_OTHER} ({_listed(others)}){around and f'; {around}'}"
+        return f"{self.causes[0].sentence(_SENTENCES, self.atom)} {when}"
 
     @property
     def advice(self) -> str:
@@ -199,29 +197,29 @@ def _listed(causes: Sequence[CameraCause]) -> str:
     return "; ".join(f"{', '.join(cameras)}: {words}" for words, cameras in groups.items())
 
 
-def verdict(cell: Cell, analysis: Observed) -> str:
-    """One or two sentences about a feasible candidate: the longest stretch that is not covered, and what would help.
+def with_verdict(cell: Cell, seen: Observed, result: CandidateResult) -> CandidateResult:
+    """A feasible result with its verdict: its longest loss, and what would help.
 
-    Stretches within the events of interest come first. Moves that go around something are named at the end.
+    Moves that go around something are named at the end.
     """
-    timeline, sentences = analysis.timeline, NOTHING_MISSING
-    t, blind = timeline.samples.t, timeline.observation.blind
-    interesting = blind & timeline.interesting
-    if runs := list(stretches(interesting if interesting.any() else blind)):
-        longest, skill = max(runs, key=lambda rows: t[rows[-1]] - t[rows[0]]), analysis.planned.candidate.skill
-        lost = explain_stretch(cell, analysis, longest)
-        stated = any(not parameter.implicit for parameter in skill.motion_parameters)
-        tried = analysis.planned.candidate.branch or not (skill.waypoints or stated)
-        advice = lost.advice.removesuffix(_OTHER_WAY) if tried else lost.advice
-        was_tried = bool(lost.causes) and lost.causes[0].change is not None
-        sentences = f"{lost}{advice and (_HELP if was_tried else _MAY_HELP)}{advice}."
-    ways = ", ".join(analysis.planned.motion.remarks)
-    return sentences + (f" On the way {ways}." if ways else "")
+    loss, remedy, remarks = NOTHING_MISSING, "", seen.planned.motion.remarks
+    if (stretch := longest_loss(cell, seen)) is not None:
+        candidate = seen.planned.candidate
+        stated = any(not parameter.implicit for parameter in candidate.skill.motion_parameters)
+        all_tried = candidate.branch or not (candidate.skill.waypoints or stated)
+        advice = stretch.advice.removesuffix(_OTHER_WAY) if all_tried else stretch.advice
+        helps = bool(stretch.causes) and stretch.causes[0].change is not None  # else it was not tried
+        loss, remedy = str(stretch), advice and f"It {'would' if helps else 'may'} help to {advice}"
+    sentences = (loss, remedy, remarks and f"On the way {', '.join(remarks)}")
+    return replace(result, verdict=" ".join(f"{one}." for one in sentences if one), loss=loss, remedy=remedy)
 
 
-def without_remedy(sentences: str) -> str:
-    """The sentence of a verdict about the loss alone, without its full stop where a remedy follows."""
-    return sentences.split(_HELP)[0].split(_MAY_HELP)[0]
+def longest_loss(cell: Cell, seen: Observed) -> BlindStretch | None:
+    """The longest stretch that is not covered, if any is; stretches within the events of interest come first."""
+    t, blind = seen.timeline.samples.t, seen.timeline.observation.blind
+    of_interest = blind & seen.timeline.of_interest
+    runs = list(stretches(of_interest if of_interest.any() else blind))
+    return explain_stretch(cell, seen, max(runs, key=lambda rows: t[rows[-1]] - t[rows[0]])) if runs else None
 
 
 def stretches(blind: Mask) -> Iterator[Indices]:

@@ -47,7 +47,9 @@ def result_of_steps(candidate: Candidate, done: Sequence[CandidateResult]) -> Ca
     numbered = sorted(enumerate(done, 1), key=lambda pair: _worth(pair[1]))
     losing = [(n, one) for n, one in numbered if min(_worth(one)) < 1.0]
     sums: dict[str, Any] = {k: sum(v for one in done if (v := getattr(one, k)) is not None) for k in SUMMED}
-    verdicts = [f"Step {n}, {one.candidate.task}: {one.verdict}" for n, one in losing]
+    step_said = [f"Step {n}, {one.candidate.task}: " for n, one in losing] or [""]
+    said = [f"{step}{one.verdict}" for step, (_, one) in zip(step_said, losing or [(1, done[0])], strict=True)]
+    worst = losing[0][1] if losing else done[0]
     return CandidateResult(
         candidate=candidate,
         feasible=True,
@@ -66,7 +68,9 @@ def result_of_steps(candidate: Candidate, done: Sequence[CandidateResult]) -> Ca
         error=max((one.error for one in done if one.error is not None), default=None),
         largest_gap=max((one.largest_gap for one in done if one.largest_gap is not None), default=None),
         remarks=tuple(f"{n}.{text}" for n, one in enumerate(done, 1) for text in one.remarks),
-        verdict=" ".join(verdicts) or done[0].verdict,
+        verdict=" ".join(said),
+        loss=f"{step_said[0]}{worst.loss}",
+        remedy=worst.remedy,
         why_late=max(done, key=lambda one: one.latest or 0.0).why_late,
         recalibrated=tuple(
             mean_qualities((drawn, one.t_total, one.t_eoi) for drawn, one in zip(draw, done, strict=True))
@@ -119,8 +123,8 @@ class WholeAnalysis:
 
     @property
     def result(self) -> CandidateResult:
-        """The figures of the whole, without a sentence."""
-        each = [step.result("") for step in self.steps]
+        """The figures of the whole, without a verdict."""
+        each = [step.result for step in self.steps]
         return result_of_steps(self.candidate, each) if self.candidate.steps else each[0]
 
 

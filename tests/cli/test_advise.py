@@ -230,7 +230,7 @@ def all_ways(task: str) -> list[CandidateResult]:
         branches = plan_branches(grip, cell.initial_world, cell.collision, cell.seed)
         for branch, _ in branches.feasible:
             way = replace(grip, branch=branch)
-            found.append(analyse(cell, way, cell.initial_world, Adaptive(), full=False).result(""))
+            found.append(analyse(cell, way, cell.initial_world, Adaptive(), full=False).result)
     return found
 
 

@@ -101,7 +101,7 @@ def pick_green(cell: Cell) -> Callable[[Cell], Outcome]:
             of={name: figures_of(one) for name, one in seen.items()},
             hiding=always(seen["g1"], Cause.NONE, Cause.HIDDEN) & hidden_by_the_robot(cell, seen["g1"], "hold"),
             why_not_g6=" ".join(not_done["g6"]),
-            first=rank([*(one.result("") for one in seen.values()), *others], "q_eoi")[0].candidate.name,
+            first=rank([*(one.result for one in seen.values()), *others], "q_eoi")[0].candidate.name,
             sampled={name: figures_of(again(one, SAMPLINGS[name])).q_avg for name, one in of_g1.items()},
             see_lift_of_g5=always(seen["g5"], Cause.NONE),
             see_g6=seeing_at_home(cell, "g6", seen["g1"]),
@@ -116,7 +116,7 @@ def cameras_where(cell: Cell, holds: np.ndarray) -> frozenset[str]:
 
 def always_in_interest(cell: Cell, found: Analysis, *causes: Cause) -> frozenset[str]:
     """Cameras for which every box has one of the causes in every sample of interest of a full analysis."""
-    matrix, interest = found.timeline.observation.full_matrix, found.timeline.interesting
+    matrix, interest = found.timeline.observation.full_matrix, found.timeline.of_interest
     return cameras_where(cell, np.isin([box.cause[interest] for own in matrix for box in own], causes).all((0, 1)))
 
 
@@ -126,7 +126,7 @@ def hidden_by_the_robot(cell: Cell, found: Analysis, predicate: str) -> frozense
     of_robot = np.array([solid.part.parent in cell.model.links for solid in cell.observer.solids])
     boxes = found.timeline.observation.full_matrix[column]
     hidden = np.any([(box.cause == Cause.HIDDEN) & of_robot[box.by] for box in boxes], axis=0)
-    return cameras_where(cell, hidden[found.timeline.interesting].all(axis=0))
+    return cameras_where(cell, hidden[found.timeline.of_interest].all(axis=0))
 
 
 def seeing_at_home(cell: Cell, name: str, like: Analysis) -> frozenset[str]:

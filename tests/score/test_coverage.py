@@ -62,7 +62,7 @@ def test_causes_fill_exactly_the_time_in_which_a_camera_does_not_see(cell, found
 
 def test_a_record_survives_being_written_and_read(cell, found):
     record = COVERAGE.dump_python(coverage_of(cell, found), mode="json")
-    outcome = Outcome(found.result("a verdict"), COVERAGE.validate_python(record))
+    outcome = Outcome(replace(found.result, verdict="a verdict"), COVERAGE.validate_python(record))
     assert COVERAGE.dump_python(outcome.coverage, mode="json") == record
     again = Outcome.from_text(outcome.to_text(), found.planned.candidate)
     assert (again.result.q_avg, again.result.faults) == (outcome.result.q_avg, outcome.result.faults)
@@ -70,7 +70,7 @@ def test_a_record_survives_being_written_and_read(cell, found):
 
 
 def test_a_damaged_record_is_refused(found):
-    text = Outcome(found.result(""), None).to_text()
+    text = Outcome(found.result, None).to_text()
     for damaged in (text[:40], "{}", "[]", text.replace('"slip"', '"slip": 3, "x"')):
         with pytest.raises(ValueError):  # noqa: PT011 - of several readers
             Outcome.from_text(damaged, found.planned.candidate)

@@ -116,7 +116,7 @@ def test_the_objective_is_the_exact_figure_of_the_chosen_cameras_at_their_mounts
     names = [option.spot.name for option in asked.table.options]
     chosen = [cameras[names.index(placed.place.spot.name.removesuffix(", moved"))] for placed in found.cameras]
     (way,) = asked.table.ways
-    seen = analysed(asked.table.cell_with(chosen), way.planned, Adaptive(), full=False).result("")
+    seen = analysed(asked.table.cell_with(chosen), way.planned, Adaptive(), full=False).result
     assert found.objective == pytest.approx(min(seen.q_eoi, seen.q_avg), abs=1e-12)
     (candidate,) = found.candidates
     assert min(candidate.found.q_eoi, candidate.found.q_avg) >= found.objective
@@ -254,7 +254,7 @@ def delays(cell, tmp_path_factory) -> tuple[CameraPlacer, dict[tuple[int, ...], 
     exact = {}
     for pair in pairs:
         cell = asked.table.cell_with(map(asked.table.camera_at, pair))
-        exact[pair] = analysed(cell, asked.table.ways[0].planned, Adaptive(), full=False).result("").latest
+        exact[pair] = analysed(cell, asked.table.ways[0].planned, Adaptive(), full=False).result.latest
     return asked, exact
 
 

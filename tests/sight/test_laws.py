@@ -342,7 +342,7 @@ def analyses(tabletop: Workspace) -> dict[str, tuple[Analysis, Analysis]]:
 def test_rank_and_explain_give_the_same_figures(analyses: dict[str, tuple[Analysis, Analysis]]) -> None:
     assert analyses
     for quick, full in analyses.values():
-        ranked, explained = quick.result(""), full.result("")
+        ranked, explained = quick.result, full.result
         assert ranked.time == explained.time
         assert (ranked.t_total, ranked.t_eoi) == (explained.t_total, explained.t_eoi)
         assert ranked.q_avg == pytest.approx(explained.q_avg, abs=DEFAULT_TOLERANCE)

@@ -117,7 +117,7 @@ def test_the_cameras_see_all_that_matters_in_one_way_at_least(cell: Cell) -> Non
     found = []
     for candidate in read_task("pickup green", cell.workspace).candidates:
         analysis = analyse(cell, candidate, cell.initial_world, FixedCount(20), full=False)
-        found.append(analysis.result("").q_eoi)
+        found.append(analysis.result.q_eoi)
     assert max(found) > 0.9
 
 

@@ -61,7 +61,7 @@ def _studies(cell: Cell, task: str, most: int) -> list[Analysis]:
 
 
 def figures(analysis: Analysis) -> dict[str, FaultMetrics]:
-    return dict(analysis.result("").faults)
+    return dict(analysis.result.faults)
 
 
 def test_no_fault_is_noticed_sooner_than_the_fastest_camera_tells(studied: tuple[Cell, list[Analysis]]) -> None:

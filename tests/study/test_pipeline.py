@@ -45,7 +45,7 @@ def test_a_verdict_that_was_left_out_is_that_of_the_assessment(tabletop, task):
     without = replace(every, verdicts=False)
     candidates = read_task(task.replace("g2 then", f"g2 {STATED} then"), tabletop, cell.initial_world.facts).candidates
     told, some = (list(assess_all(one, candidates[:2], 1)) for one in (every, without))
-    assert [without.with_verdict(one).verdict for one in some] == [one.verdict for one in told] != ["", ""]
+    assert [without.add_verdict(one).verdict for one in some] == [one.verdict for one in told] != ["", ""]
     assert not any(step.verdict for one in some for step in one.steps or (one,))
 
 

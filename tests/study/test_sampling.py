@@ -68,7 +68,7 @@ def compare(name: str, adaptive: Timeline, dense: Timeline) -> list[Difference]:
     found = []
     for quality, length, rows in (
         ("q_avg", dense.request.T, np.ones(len(dense.samples), dtype=bool)),
-        ("q_eoi", dense.request.T_eoi, dense.interesting),
+        ("q_eoi", dense.request.T_eoi, dense.of_interest),
     ):
         approximate, reference = (getattr(qualities_over(one), quality) for one in (adaptive, dense))
         if approximate is None or reference is None:

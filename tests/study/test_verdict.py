@@ -20,7 +20,7 @@ from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.study.analysis import Analysis, analyse, analysed
 from sqrp_cli.study.blind_spans import cause_totals, sample_weights
 from sqrp_cli.study.sampling import Adaptive
-from sqrp_cli.study.verdict import BlindStretch, CameraCause, CameraChange, explain_stretch, stretches, verdict
+from sqrp_cli.study.verdict import BlindStretch, CameraCause, CameraChange, explain_stretch, stretches, with_verdict
 from sqrp_cli.task.task import read_task
 
 CANDIDATES = ("g1", "g2", "g3", "g4", "g5")
@@ -47,7 +47,7 @@ def analyses(cell: Cell) -> dict[str, Analysis]:
 def test_what_the_verdict_says_is_true(name: str, cell: Cell, analyses: dict[str, Analysis]) -> None:
     found = analyses[name]
     timeline = found.timeline
-    text, blind = verdict(cell, found), timeline.observation.blind
+    text, blind = with_verdict(cell, found, found.result).verdict, timeline.observation.blind
     if not blind.any():
         assert text == "Every literal is covered all the time."
         return
@@ -57,8 +57,8 @@ def test_what_the_verdict_says_is_true(name: str, cell: Cell, analyses: dict[str
     t = timeline.samples.t
     inside = (t > start + 0.06) & (t < end - 0.06)
     assert blind[inside].all(), "every sample of the stretch is blind"
-    if (blind & timeline.interesting).any():
-        assert timeline.interesting[inside].all(), "events of interest come first"
+    if (blind & timeline.of_interest).any():
+        assert timeline.of_interest[inside].all(), "events of interest come first"
     assert text.split()[0] in cell.workspace.cameras
 
 
@@ -151,7 +151,7 @@ def test_a_camera_is_to_be_turned_only_where_that_was_tried() -> None:
 def longest_blind(found: Analysis) -> np.ndarray | None:
     """The samples of the longest stretch that is not covered, in the events of interest if there is any."""
     blind, t = found.timeline.observation.blind, found.timeline.samples.t
-    interesting = blind & found.timeline.interesting
+    interesting = blind & found.timeline.of_interest
     rows = list(stretches(interesting if interesting.any() else blind))
     return max(rows, key=lambda rows: t[rows[-1]] - t[rows[0]], default=None)
 
@@ -172,7 +172,7 @@ def test_what_would_help_does_help_in_the_changed_cell_and_all_else_is_said_to_b
         if (rows := longest_blind(found)) is None:
             continue
         stretch = explain_stretch(before, found, rows)
-        sentence = verdict(before, found)
+        sentence = with_verdict(before, found, found.result).verdict
         change = stretch.causes[0].change if stretch.causes else None
         assert (f"It would help to {stretch.advice}." in sentence) == (change is not None)
         if change is None:

@@ -77,7 +77,7 @@ def _quality_of(workspace: Workspace, name: str) -> float:
     cell = Cell.load(workspace)
     candidate = first_grip(read_task(f"pickup {name}", workspace).candidates[0])
     found = analyse(cell, candidate, cell.initial_world, Adaptive(), full=False)
-    return (found.result("").q_eoi or 0.0) if isinstance(found, Analysis) else -1.0
+    return (found.result.q_eoi or 0.0) if isinstance(found, Analysis) else -1.0
 
 
 def _changes(

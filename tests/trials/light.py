@@ -46,7 +46,7 @@ from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.program_update import make_step, with_usual_images
 from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.sampling import Adaptive
-from sqrp_cli.study.verdict import verdict
+from sqrp_cli.study.verdict import with_verdict
 from sqrp_cli.task.task import read_task
 from tests.cells import read_cell, write_cell
 from tests.random_cell import Crowd, random_cell
@@ -98,7 +98,7 @@ def _best_of(cell: Cell, task: str) -> Analysis | None:
         result = analyse(cell, candidate, cell.initial_world, Adaptive(), full=True)
         if not isinstance(result, Infeasible):
             found[candidate.name] = result
-    ranked = rank([one.result(verdict(cell, one)) for one in found.values()], "q_eoi")
+    ranked = rank([with_verdict(cell, one, one.result) for one in found.values()], "q_eoi")
     return found[ranked[0].candidate.name] if ranked else None
 
 
@@ -178,7 +178,7 @@ def light(number: int, folder: Path) -> dict[str, Any]:
     for name, judged in (("with", cell), ("without", replace(cell, observer=plain))):
         best = _best_of(judged, task)
         if best is not None:
-            result = best.result(verdict(judged, best))
+            result = with_verdict(judged, best, best.result)
             step = make_step(task, best, result, tuple(judged.workspace.cameras))
             step = with_usual_images(step, best, judged.observer)
             counts, rest, misses, stop = compared(judged.workspace, best.planned.motion.joint_names, step)

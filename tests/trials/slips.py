@@ -28,7 +28,7 @@ from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.find import BestWay, WantedWay, find_way
 from sqrp_cli.study.program_update import make_step
 from sqrp_cli.study.sampling import Adaptive
-from sqrp_cli.study.verdict import verdict
+from sqrp_cli.study.verdict import with_verdict
 from sqrp_cli.task.task import read_task
 from tests.cells import ROOT, shipped_cell, write_cell
 from tests.random_cell import Crowd, random_cell
@@ -103,7 +103,7 @@ def _program(cell: Cell, way: Analysis) -> Program:
     """The program of a way, which stops at the first alarm."""
     full = analyse(cell, way.planned.candidate, cell.initial_world, Adaptive(), full=True)
     assert not isinstance(full, Infeasible)
-    step = make_step(TASK, full, full.result(verdict(cell, full)), tuple(cell.workspace.cameras))
+    step = make_step(TASK, full, with_verdict(cell, full, full.result), tuple(cell.workspace.cameras))
     stops = [formula.model_copy(update={"response": ProgramResponse(action="stop")}) for formula in step.formulas]
     program = new_program(cell.workspace, cell.model.joints, cell.workspace.path.parent / "program.yaml")
     return program.model_copy(update={"steps": (*program.steps, step.model_copy(update={"formulas": tuple(stops)}))})

@@ -73,7 +73,7 @@ class Session:
         ranked = list(rank(found, ask.by))
         place = sum(one.feasible for one in ranked) - 1
         if place >= 0 and not job.verdicts:
-            ranked[place] = job.with_verdict(ranked[place])
+            ranked[place] = job.add_verdict(ranked[place])
         return Ranking(
             workspace=self.cell.workspace.name,
             task=self.task.text,

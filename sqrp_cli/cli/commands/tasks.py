@@ -275,9 +275,8 @@ def _say_more(found: Explanation, cell: OpenCell, workspace: Path, after: Path |
     from sqrp_cli.figures import falls_short
     from sqrp_cli.search.goal import goal_of
     from sqrp_cli.show.terminal.console import say_command
-    from sqrp_cli.study.verdict import without_remedy
 
-    if without_remedy(found.verdict) == found.verdict:
+    if not found.remedy:
         return
     lost = "q_eoi" if found.q_eoi is not None and falls_short(found.q_eoi, 1.0) else "q_avg"
     listed = next((one for one in cell.workspace.tasks if one.task == ask.task), None)

@@ -111,7 +111,7 @@ def _samples(cell: Cell, analysis: Analysis, views: HiddenViews | None) -> list[
             objects={name: X[row if len(X) > 1 else 0].tolist() for name, X in objects.items()},
             held=held[row],
             covered=bool(timeline.covered[row]) if timeline.monitored[row] else None,
-            event=bool(timeline.interesting[row]),
+            event=bool(timeline.of_interest[row]),
             literals={
                 str(literal): seen[column[literal.atom]][row]
                 for literal in analysis.planned.stage.pieces[int(samples.piece[row])].literals

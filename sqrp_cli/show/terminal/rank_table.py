@@ -80,7 +80,7 @@ def _sentences(feasible: Sequence[CandidateResult], found: Ranking) -> Iterator[
     """Why the first is first and the last last, what other ways there are, and where no path helps."""
     yield sentences.why_first(feasible, found.by)
     last = feasible[-1]
-    all_seen = last.verdict == NOTHING_MISSING
+    all_seen = last.verdict == f"{NOTHING_MISSING}."
     if len(feasible) > 1:
         beginning = f"Even in the last, {last.name}," if all_seen else f"Last is {last.name}:"
         yield f"{beginning} {last.verdict[0].lower()}{last.verdict[1:]}"

@@ -77,7 +77,7 @@ def test_every_mount_is_as_good_as_a_cell_with_one_camera_there(placed, overview
             X_FC=look_at(spot.position, AIM),
         )
         cell = replace(found.cell, observer=Observer((camera,), found.cell.observer.solids))
-        exact = analyse(cell, one.found.way, found.question.world, Adaptive(), full=False).result("")
+        exact = analyse(cell, one.found.way, found.question.world, Adaptive(), full=False).result
         assert shown[spot.name]["seen"] == pytest.approx(np.mean([exact.q_eoi, exact.q_avg]), abs=0.01)
     seen = {round(mount["seen"], 1) for mount in overview["placement"]["mounts"][:-1]}
     assert len(seen) > 2, "else the comparison would say little"
