@@ -54,7 +54,7 @@ def execute(arguments: list[str]) -> int:
     if ASKED in os.environ:
         propose(app)
         return ExitCode.OK
-    lines, told = progress_lines.wanted.set("--json" not in arguments), line.set(arguments)
+    lines, told = progress_lines.lines_wanted.set("--json" not in arguments), line.set(arguments)
     running = watch.execute.set(execute)
     try:
         if for_named_shell([word for word in arguments if word not in ANYWHERE]):
@@ -101,7 +101,7 @@ def execute(arguments: list[str]) -> int:
     finally:
         watch.execute.reset(running)
         line.reset(told)
-        progress_lines.wanted.reset(lines)
+        progress_lines.lines_wanted.reset(lines)
         progress_lines.verbosity.set(Verbosity.NORMAL)
 
 

@@ -99,7 +99,7 @@ def _stamp(path: Path) -> tuple[int, ...]:
 
 def print_changes(before: AnswerView, now: AnswerView) -> None:
     """The table again, with what was before an arrow where it differs; rows that are gone come last."""
-    from sqrp_cli.show.terminal.console import Column, plain, print_table, say
+    from sqrp_cli.show.terminal.console import Column, print_table, say, styled
 
     if before == now:
         say("No figure has changed.")
@@ -114,7 +114,7 @@ def print_changes(before: AnswerView, now: AnswerView) -> None:
     cells = ((name, against(before.rows.get(name, nothing), now.rows.get(name, nothing))) for name in shown)
     titles = against(before.columns, now.columns)
     columns = [Column(title, right=title in _TITLES, shrink=title in _TEXTS) for title in titles]
-    print_table(columns, [[name, *(plain(text, "bold" * (_ARROW in text)) for text in row)] for name, row in cells])
+    print_table(columns, [[name, *(styled(text, "bold" * (_ARROW in text)) for text in row)] for name, row in cells])
     if left := len(names) - len(shown):
         say(f"... and {left} as before", "dim")
     if before.said != now.said:

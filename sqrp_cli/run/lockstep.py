@@ -332,7 +332,6 @@ class Lockstep:
             case "released":
                 self.command_hold(holding=False)
             case ProgramPrimitive(name=name, does=does):
-                self.publisher.doing = name
                 self.publisher.publish("primitive", self.now, name=name, does=does)
             case InjectedFault():
                 self.faults.inject(what, self.now, attempt)
@@ -342,7 +341,6 @@ class Lockstep:
         self.cancel("tool", "primitive")
         self.now = self.collector.streams.present(self.now)
         self.last_stop = StopTimes(self.now)
-        self.publisher.doing = "stops"
         self.publisher.publish("stopping", self.now, reason=reason)
         stands = self.motion.stop(self.now, protective=protective)
         if protective:

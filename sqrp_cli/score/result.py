@@ -289,7 +289,7 @@ class Sweep(WorkspaceDocument):
     the others are in the order of their values.
     """
 
-    VIEW = "sqrp_cli.show.terminal.search_tables:print_sweep"
+    VIEW = "sqrp_cli.show.terminal.search_tables:print_variants"
 
     document: Literal["score --vary"] = "score --vary"
     variants: tuple[ScoredVariant, ...]

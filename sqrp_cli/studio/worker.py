@@ -29,7 +29,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.run.record.log import Track
 from sqrp_cli.show.documents.scene import ShowDocument
 from sqrp_cli.show.pages.assembly import row
-from sqrp_cli.show.pages.candidate_page import candidate_rows, played, scene_model
+from sqrp_cli.show.pages.candidate_page import candidate_rows, playback, scene_model
 from sqrp_cli.show.pages.run_page import track_shown
 from sqrp_cli.show.sentences import summary
 from sqrp_cli.sight.sight_memory import Seen, SightMemory
@@ -103,7 +103,7 @@ def _assess(job: RankJob, candidates: Sequence[Candidate], memory: SightMemory, 
 def _detail(job: RankJob, ranked: CandidateResult, name: str) -> str:
     """The message that shows a candidate over time."""
     explained = job.explain(ranked)
-    detail = played(job, explained, brief=True) if ranked.feasible else None
+    detail = playback(job, explained, brief=True) if ranked.feasible else None
     return message("detail", name=name, detail=detail)
 
 

@@ -66,7 +66,7 @@ def test_no_text_controls_a_terminal_or_commands_a_server(text, width, color):
         place = Place(Path(text.replace("\0", "")), 1, 2)
         console.print_problems([Problem("code", text, place, mend=text, excerpt=f"{text}\n^")])
         for columns in ([console.Column(text, shrink=True)] * 2, [console.Column(text)] * 2):
-            console.print_table(columns, [(text, console.plain(text, "red")), ("", text)])
+            console.print_table(columns, [(text, console.styled(text, "red")), ("", text)])
 
     assert is_harmless(printed(width, show, color))
 

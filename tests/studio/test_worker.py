@@ -11,7 +11,7 @@ import pytest
 from sqrp_cli import open_cell
 from sqrp_cli.errors import InputError
 from sqrp_cli.show.pages.assembly import tidy
-from sqrp_cli.show.pages.candidate_page import played
+from sqrp_cli.show.pages.candidate_page import playback
 from sqrp_cli.studio.moves import Move, moved
 from sqrp_cli.studio.session import program_file
 from sqrp_cli.studio.sketch import SHORTEST, Sketch, joined
@@ -31,7 +31,7 @@ def explained():
 
 
 def test_what_is_shown_briefly_is_what_is_shown_in_full_but_for_boxes(explained):
-    full, brief = (tidy(played(*explained, brief=brief), digits=None) for brief in (False, True))
+    full, brief = (tidy(playback(*explained, brief=brief), digits=None) for brief in (False, True))
     for sample in full["samples"]:
         for literal in sample["literals"].values():
             literal["boxes"] = []
@@ -64,7 +64,7 @@ def compared(shown, exact, result):
 def test_a_sketch_of_the_cell_as_it_is_has_the_verdicts_of_these_samples(explained):
     job, whole = explained
     shown = Sketch.of(job.cell, whole.analysis.planned).seen_by(job.cell)
-    compared(shown, tidy(played(*explained, brief=True), digits=None)["samples"], whole.result)
+    compared(shown, tidy(playback(*explained, brief=True), digits=None)["samples"], whole.result)
 
 
 def test_steps_one_after_another_have_the_verdicts_and_qualities_of_these_samples():
@@ -76,7 +76,7 @@ def test_steps_one_after_another_have_the_verdicts_and_qualities_of_these_sample
     sketches = sketches_of(job.cell, [step.way for step in ranking.candidates[0].steps])
     assert len(sketches) == len(whole.steps) == 2
     shown = joined(sketches, [one.seen_by(one.cell) for one in sketches])
-    compared(shown, tidy(played(job, whole, brief=True), digits=None)["samples"], whole.result)
+    compared(shown, tidy(playback(job, whole, brief=True), digits=None)["samples"], whole.result)
 
 
 def test_a_camera_that_moves_is_sketched_as_if_all_were_looked_at_anew(explained):

@@ -383,7 +383,7 @@ def _place(
 ) -> ExitCode:
     from sqrp_cli.score.cluster import connected
     from sqrp_cli.show.terminal.console import note, progress
-    from sqrp_cli.show.terminal.search_tables import bounds_told
+    from sqrp_cli.show.terminal.search_tables import bounds_reporter
 
     if len(patches) > 1:
         named = ", ".join(map(str, patches))
@@ -391,7 +391,7 @@ def _place(
     patch = patches[0] if patches else None
     cell = open_to_write(workspace, seed, [ask.mounts], {"--patch": patch, "--report": report}, "place")
     with connected(cluster, note, tls) as workers:
-        found = placed(cell, ask.but(progress=progress), workers, bounds_told())
+        found = placed(cell, ask.but(progress=progress), workers, bounds_reporter())
     if patch is not None and found.patch:
         write_patch(patch, "place", found.patch)
         note(f"the patch is in {patch}")

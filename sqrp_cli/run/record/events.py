@@ -294,6 +294,8 @@ WHOLE_STATE = next(model for model in MODELS if "joints" in model.model_fields)
 """The record of the first state."""
 LINE: Any = Union[MODELS]  # noqa: UP007 - of as many as there are
 """The type of any line of a log, for its schema."""
+BETWEEN: Mapping[str, str] = {"step": "looks", "moving on": "moves on to look", "stopping": "stops"}
+"""What the robot does from events of these kinds on until a primitive begins, in words."""
 Listener = Callable[[Event], None]
 """Receives events: the log, the live view."""
 
@@ -313,7 +315,7 @@ class EventPublisher:
         self._listeners = tuple(listeners)
         self.began = time.perf_counter()
         """When the run began, by the clock of this process [s]."""
-        self.doing = "looks"
+        self.doing = BETWEEN["step"]
         """What the robot does now."""
         self.wall: dict[str, float] = {}
         """Wall time by activity [s]."""
@@ -321,6 +323,7 @@ class EventPublisher:
     def publish(self, kind: str, t: float, **fields: Any) -> None:  # noqa: ANN401 - as the kind has them
         """Publish an event of a kind at a time on the cell's clock [s], told to the microsecond."""
         told = event(kind, round(t, 6), **fields)
+        self.doing = told.name if kind == "primitive" else BETWEEN.get(kind, self.doing)
         for listener in self._listeners:
             listener(told)
 

@@ -128,7 +128,8 @@ class ProgramDocument(Document):
         faults = [
             (one.delay_worst, number, name) for number, s in enumerate(steps, 1) for name, one in s.faults.items()
         ]
-        worst = max(faults, key=lambda one: inf if one[0] is None else one[0], default=(None, None, None))
+        none = None, None, None
+        late, at, fault = max(faults, key=lambda one: inf if one[0] is None else one[0], default=none)
         workspace = workspace_path(program, file)
         here = shlex.quote(os.path.relpath(shortest_path(workspace)))
         add = f"sqrp rank {here} TASK --program {shlex.quote(str(file))}"
@@ -140,9 +141,9 @@ class ProgramDocument(Document):
             total=ProgramTotal(
                 time=sum(step.time for step in steps),
                 **vars(mean_qualities((step, step.time, step.time) for step in steps)),
-                delay_worst=worst[0],
-                step=worst[1],
-                fault=worst[2],
+                delay_worst=late,
+                step=at,
+                fault=fault,
             ),
             tool=tool_commands(program),
             held=program.steps[-1].after.held if program.steps else None,

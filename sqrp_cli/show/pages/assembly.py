@@ -179,7 +179,7 @@ class PageRow:
     candidate: CandidateResult | None  # its document in `rank --json`; None where there is none
     reasons: Sequence[str]  # what is wrong
     scene: int | None  # index of its cell among `PageContent.scenes`; None if that is not drawn
-    detail: str | None  # its `playback`; None without a motion
+    detail: str | None  # its `packed_playback`; None without a motion
     figures: Sequence[FigureShown] = ()  # shown before the candidate's
     retried: Collection[str] = ()  # the candidate's faults after which the robot tries again
 

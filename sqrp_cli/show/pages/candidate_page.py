@@ -48,7 +48,7 @@ def write_ranking(
     """Write the page about a ranking. arguments: of the command. jobs: processes to use at most."""
     cell, candidates = job.cell, found.candidates
     details = computed(
-        lambda one: playback(job, job.explain(one)), candidates, min(jobs, len(candidates) // 2), progress
+        lambda one: packed_playback(job, job.explain(one)), candidates, min(jobs, len(candidates) // 2), progress
     )
     entries = candidate_rows(candidates, list(details))
     about = origin(arguments, cell.workspace, found.assumed)
@@ -95,7 +95,7 @@ def _scored(scored: ScoredCell, scores: Sequence[TaskScore], means: Means) -> tu
         return None, [_score(score, None, None) for score in scores]
     cell = Cell.load(scored.workspace, means.seed)
     job = RankJob(means.sampling, cell=cell, world=cell.initial_world)
-    details = [None if score.best is None else playback(job, job.explain(score.best)) for score in scores]
+    details = [None if score.best is None else packed_playback(job, job.explain(score.best)) for score in scores]
     return cell_scene(cell), [_score(score, 0, detail) for score, detail in zip(scores, details, strict=True)]
 
 
@@ -151,12 +151,12 @@ def computed(work: Callable[[Item], Result], items: Sequence[Item], jobs: int, p
             advance(1)
 
 
-def playback(job: RankJob, explained: Explained) -> str | None:
+def packed_playback(job: RankJob, explained: Explained) -> str | None:
     """What is shown of a candidate beside its figures, packed; None for an infeasible one."""
-    return packed(played(job, explained)) if explained.result.feasible else None
+    return packed(playback(job, explained)) if explained.result.feasible else None
 
 
-def played(job: RankJob, explained: Explained, *, brief: bool = False) -> PlayedCandidate:
+def playback(job: RankJob, explained: Explained, *, brief: bool = False) -> PlayedCandidate:
     """What is shown of a feasible candidate beside its figures; brief: see `analysis_shown`."""
     cell, sampling = job.cell, job.sampling
     parts = explained.steps or (explained,)
@@ -185,13 +185,15 @@ def scene_model(cell: Cell) -> Mapping[str, object]:
     ]
     links = {name: {"joint": joint, "pose": X_JL.tolist()} for name, (joint, X_JL) in tree.mounts.items()}
     solids = []
-    for index, (solid, color) in enumerate(zip(cell.observer.solids, solid_colors(cell), strict=True)):
+    for solid, color in zip(cell.observer.solids, solid_colors(cell), strict=True):
         surface = simplified(Triangles(solid.vertices, solid.triangles))
-        vertices = np.round(surface.vertices / STEP).astype(int).reshape(-1).tolist()
-        where = {
-            "name": cell.observer.solids[index].name,
-            "parent": solid.part.parent,
-            "color": "#{:02x}{:02x}{:02x}".format(*color),
-        }
-        solids.append({**where, "vertices": vertices, "triangles": surface.faces.reshape(-1).tolist()})
+        solids.append(
+            {
+                "name": solid.name,
+                "parent": solid.part.parent,
+                "color": "#{:02x}{:02x}{:02x}".format(*color),
+                "vertices": np.round(surface.vertices / STEP).astype(int).reshape(-1).tolist(),
+                "triangles": surface.faces.reshape(-1).tolist(),
+            }
+        )
     return {"step": STEP, "joints": joints, "links": links, "solids": solids}

@@ -9,7 +9,7 @@ from pathlib import Path
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.record.events import AskedBox, Event
+from sqrp_cli.run.record.events import BETWEEN, AskedBox, Event
 from sqrp_cli.run.record.log import Track
 from sqrp_cli.run.record.report import RunReport
 from sqrp_cli.show.documents.explanation import Span
@@ -151,12 +151,11 @@ def track_shown(track: Track) -> Mapping[str, object]:
 def _doings(events: Sequence[Event], end: float) -> list[Span]:
     """The primitives, and in words what the robot does between them."""
     starts: list[tuple[float, str, str | None]] = []
-    between = {"step": "looks", "moving on": "moves on to look", "stopping": "stops"}
     for event in events:
         if event.event == "primitive":
             starts.append((event.t, event.name, event.does))
-        elif event.event in between:
-            starts.append((event.t, between[event.event], None))
+        elif event.event in BETWEEN:
+            starts.append((event.t, BETWEEN[event.event], None))
     ends = [*(t for t, _, _ in starts), end][1:]
     spans = zip(starts, ends, strict=True)
     return [Span(name=name, does=does, start=start, end=to) for (start, name, does), to in spans if to > start]
@@ -193,8 +192,8 @@ def _moments(report: RunReport, events: Sequence[Event]) -> list[Mapping[str, ob
             if t is not None:
                 happens.setdefault(round(t, 6), []).append(text)
     words = {
-        "moving on": "the robot moves on to look",
-        "stopping": "the robot stops",
+        "moving on": f"the robot {BETWEEN['moving on']}",
+        "stopping": f"the robot {BETWEEN['stopping']}",
         "contact": "the tool feels contact",
         "retry": "the robot tries again",
     }

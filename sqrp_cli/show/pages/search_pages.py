@@ -13,7 +13,7 @@ from sqrp_cli.search.placing_result import PlacedCandidate, PlaceDocument
 from sqrp_cli.search.question import is_fastest
 from sqrp_cli.show.documents.scene import ShowDocument
 from sqrp_cli.show.pages.assembly import PageContent, PageRow, write_page
-from sqrp_cli.show.pages.candidate_page import cell_scene, computed, origin, playback
+from sqrp_cli.show.pages.candidate_page import cell_scene, computed, origin, packed_playback
 from sqrp_cli.show.placement_words import placement_in_words
 from sqrp_cli.show.sentences import KIND_WORDS, accuracy
 from sqrp_cli.study.pipeline import RankJob, described, sampling_done
@@ -79,7 +79,7 @@ def studied(row: PageRow, found: CandidateResult, job: RankJob, goal: Goal | Non
     figures = described(replace(ranked, verdict=shown.verdict))
     short = goal.missed(shown) if goal is not None and goal.met(found) else ()
     reasons = [*row.reasons, *(f"{missed}, if sampled as finely as the timeline below" for missed in short)]
-    return replace(row, candidate=figures, reasons=reasons, detail=playback(job, explained))
+    return replace(row, candidate=figures, reasons=reasons, detail=packed_playback(job, explained))
 
 
 def write_placement(

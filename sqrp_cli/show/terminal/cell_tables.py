@@ -17,11 +17,11 @@ from sqrp_cli.show.terminal.console import (
     TableCell,
     joined,
     numbers,
-    plain,
     print_table,
     say,
     say_command,
     say_line,
+    styled,
 )
 from sqrp_cli.show.terminal.rank_table import MOST_ROWS, print_infeasible
 
@@ -96,7 +96,7 @@ def print_rules(found: RulesDocument) -> None:
             rows = []
             for rule in group:
                 *both, last = rule.severity
-                rows.append((rule.code, plain("either" if both else last, SEVERITY_STYLES[last]), rule.meaning))
+                rows.append((rule.code, styled("either" if both else last, SEVERITY_STYLES[last]), rule.meaning))
             print_table([Column(subject), Column("severity"), Column("looks for", shrink=True)], rows)
         say("\nOne of them in full, with examples: sqrp rules CODE")
         return
@@ -127,9 +127,9 @@ def print_scene(found: ShowDocument) -> None:
     joints = []
     for name in robot.arm:
         one = robot.joints[name]
-        limits = (one.lower, one.upper, one.velocity, one.acceleration, one.jerk, robot.home[name])
-        ends = (-inf if one.lower is None else one.lower, inf if one.upper is None else one.upper, *limits[2:])
-        joints.append((name, *(f"{1000 * v:z.0f} mm" if one.slides else f"{degrees(v):z.0f}" for v in ends)))
+        lower, upper = -inf if one.lower is None else one.lower, inf if one.upper is None else one.upper
+        values = (lower, upper, one.velocity, one.acceleration, one.jerk, robot.home[name])
+        joints.append((name, *(f"{1000 * v:z.0f} mm" if one.slides else f"{degrees(v):z.0f}" for v in values)))
     print_table([Column("joint [deg, s]"), *numbers("min", "max", "v", "a", "j", "home")], joints)
     if robot.angle_tolerance:
         say(f"\ntool may be turned by {degrees(robot.angle_tolerance):g} deg from a pose")
@@ -243,6 +243,6 @@ def _slowest(faults: Collection[FaultMetrics]) -> Styled:
     """The longest time until an alarm; never where no image is sure to show a fault."""
     delays = [fault.delay_worst for fault in faults]
     if not delays:
-        return plain("-", "dim")
+        return styled("-", "dim")
     known = [delay for delay in delays if delay is not None]
-    return plain("never", "red") if len(known) < len(delays) else f"{max(known):.2f}"
+    return styled("never", "red") if len(known) < len(delays) else f"{max(known):.2f}"

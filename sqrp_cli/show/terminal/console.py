@@ -1,6 +1,6 @@
 """What the terminal shows: tables, bars, progress and problems. The only module that knows Rich.
 
-All text but JSON goes through here and is cleaned (`plain`, `_put`): names, paths and tasks come from files that
+All text but JSON goes through here and is cleaned (`styled`, `_put`): names, paths and tasks come from files that
 others wrote.
 """
 
@@ -28,7 +28,7 @@ from sqrp_cli.shown import harmless, one_line
 
 BAR_WIDTH = 8  # cells of a bar in a table
 
-Styled = str | Text  # text with or without a style; only `plain`, `joined` and `percentage` make one, so it is clean
+Styled = str | Text  # text with or without a style; only `styled`, `joined` and `percentage` make one, so it is clean
 
 PROGRESS_WIDTH = 20  # cells of the progress bar
 LEAST_WIDTH = 20  # least width that lines are laid out for, even in a narrower terminal [columns]
@@ -196,7 +196,7 @@ def _put(console: Console, line: Text) -> None:
     console.print(line, soft_wrap=True)
 
 
-def plain(text: Styled, style: str = "") -> Text:
+def styled(text: Styled, style: str = "") -> Text:
     """Clean text in one style. One line break may begin and one may end it; any other comes from foreign data."""
     if isinstance(text, Text):
         return Text.assemble(text, style=style)
@@ -209,7 +209,7 @@ def say(text: Styled = "", style: str | None = None, *, indent: int = 0) -> None
     """A paragraph of results, folded at the terminal's width. indent: of all lines but the first, if there is room."""
     console = output()
     indent = min(indent, console.width - LEAST_WIDTH)
-    whole = plain(text, style or "")
+    whole = styled(text, style or "")
     whole.plain = _BEFORE_UNIT.sub(_KEPT, whole.plain)
     for number, line in enumerate(whole.wrap(console, console.width - indent)):
         line.plain = line.plain.replace(_KEPT, " ")
@@ -219,7 +219,7 @@ def say(text: Styled = "", style: str | None = None, *, indent: int = 0) -> None
 
 def unbroken(parts: Iterable[Styled], between: str = ", ") -> Text:
     """Parts in a row, which `say` folds between them and not within one, save one that is too long for a line."""
-    found = [plain(part) for part in parts]
+    found = [styled(part) for part in parts]
     for part in found:
         if cell_len(part.plain) < output().width - 2:
             part.plain = part.plain.replace(" ", _KEPT)
@@ -246,7 +246,7 @@ def say_command(text: str, command: str, style: str | None = None) -> None:
 
 def say_line(text: Styled, style: str | None = None) -> None:
     """A line of results that is never folded."""
-    _put(output(), plain(text, style or ""))
+    _put(output(), styled(text, style or ""))
 
 
 def say_raw(text: str) -> None:
@@ -258,7 +258,7 @@ def note(text: str) -> None:
     """A line that is not part of the results."""
     if verbosity.get() is Verbosity.QUIET:
         return
-    _put(diagnostics(), plain(text, "dim"))
+    _put(diagnostics(), styled(text, "dim"))
 
 
 def ask(question: str) -> str:
@@ -266,7 +266,7 @@ def ask(question: str) -> str:
 
     An answer from a pipe is echoed, since no terminal shows it.
     """
-    answer = input(harmless(plain(question).plain)).strip()
+    answer = input(harmless(styled(question).plain)).strip()
     if not sys.stdin.isatty():
         sys.stdout.write(one_line(answer) + "\n")
     return answer
@@ -285,7 +285,7 @@ def print_problems(problems: Iterable[Problem]) -> None:
         _put(console, line)
         if problem.excerpt and problem.excerpt.partition("\n")[0].strip():
             for part in problem.excerpt.split("\n"):
-                _put(console, plain(part.expandtabs(), "dim"))
+                _put(console, styled(part.expandtabs(), "dim"))
         if problem.mend:
             _put(console, Text.assemble(("  to mend it: ", "dim"), one_line(problem.mend)))
 
@@ -317,7 +317,7 @@ def progress(title: str, total: int | None) -> Iterator[Advance]:
 
         bar, left = BarColumn(bar_width=PROGRESS_WIDTH), TimeRemainingColumn(compact=True)
         # Rich cuts the end of a long line first, but what follows the title matters more.
-        rest, shown = PROGRESS_WIDTH + len(f" {total}/{total} -:--:-- "), plain(title)
+        rest, shown = PROGRESS_WIDTH + len(f" {total}/{total} -:--:-- "), styled(title)
         shown.truncate(max(console.width - rest - 1, LEAST_WIDTH), overflow="ellipsis")
         text = TextColumn("{task.description}", markup=False)
         with Progress(text, bar, MofNCompleteColumn(), left, console=console, transient=True) as bars:
@@ -331,7 +331,7 @@ Show = Callable[[Styled], None]  # called with the new text to show: replaces wh
 
 
 @contextmanager
-def live() -> Iterator[Show | None]:
+def changing_text() -> Iterator[Show | None]:
     """Text on stderr that changes in place and vanishes when done; None if stderr is no terminal, or quiet."""
     console = diagnostics()
     if not console.is_terminal or verbosity.get() is Verbosity.QUIET:
@@ -343,4 +343,4 @@ def live() -> Iterator[Show | None]:
 
 def joined(parts: Sequence[Styled | tuple[str, str]]) -> Text:
     """Pieces of text in a row, each with its own style; styled ones have no line breaks."""
-    return Text.assemble(*((one_line(part[0]), part[1]) if isinstance(part, tuple) else plain(part) for part in parts))
+    return Text.assemble(*((one_line(part[0]), part[1]) if isinstance(part, tuple) else styled(part) for part in parts))

@@ -16,7 +16,7 @@ Advance = Callable[..., None]
 PERIOD = 10.0  # least time before the first line and between two [s]
 SLOWER = 0.2  # least time between two lines, as a share of what has passed: a step of hours has tens of lines
 
-wanted: ContextVar[bool] = ContextVar("wanted", default=True)  # whether there may be lines: not beside a document
+lines_wanted: ContextVar[bool] = ContextVar("lines_wanted", default=True)  # not beside a document
 
 
 class Verbosity(IntEnum):
@@ -58,7 +58,7 @@ def progress_lines(title: str, total: int | None, write: Callable[[str], None]) 
                 return
             pause = max(PERIOD, SLOWER * passed)
 
-    if not wanted.get():
+    if not lines_wanted.get():
         yield advance
         return
     thread = threading.Thread(target=tell, daemon=True)

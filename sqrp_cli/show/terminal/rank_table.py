@@ -16,11 +16,11 @@ from sqrp_cli.show.terminal.console import (
     fits,
     joined,
     numbers,
-    plain,
     print_table,
     say,
     say_assumed,
     seconds,
+    styled,
 )
 from sqrp_cli.study.ranking import compared_quality
 from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult, Ranking
@@ -141,7 +141,7 @@ def _figures(feasible: Sequence[CandidateResult]) -> list[_Figure]:
     def worst(one: CandidateResult, name: str, faults: Iterable[str], pattern: str = "{:.2f}") -> TableCell:
         """A figure of the worst of some faults, in red if one may never be noticed."""
         values = [getattr(one.faults[fault], name) for fault in faults]
-        return plain("never" if None in values else pattern.format(max(values)), "red" if one.unseen else "")
+        return styled("never" if None in values else pattern.format(max(values)), "red" if one.unseen else "")
 
     found: list[_Figure] = []
     if any(one.has_choice for one in feasible):
@@ -181,17 +181,15 @@ def _print_feasible(feasible: Sequence[CandidateResult], shown: Sequence[Candida
     faults, retried = list(shown[0].faults), shown[0].retried
     if len(faults) > 1:
         done = f"; all done: after a retry of {', '.join(retried)}" if retried else ""
-        say(plain(f"seen, at worst: the longest of {', '.join(faults)}{done}.", "dim"))
+        say(styled(f"seen, at worst: the longest of {', '.join(faults)}{done}.", "dim"))
     unseen = []  # of which candidates a fault may be seen in no image, and how often
     for name in faults:
-        blind = sorted(
-            (-one.faults[name].unseen, place) for place, one in enumerate(shown) if one.faults[name].unseen > 0
-        )
-        if blind:
-            more = f" and {len(blind) - 1} more" if len(blind) > 1 else ""
-            whose = f" of {shown[blind[0][1]].name}{more}" if len(shown) > 1 else ""
-            share = f"{'up to ' if more else ''}{-100 * blind[0][0]:.3g} % of cases"
-            unseen.append(f"{name}{whose} in {share}")
+        shares = {one.name: one.faults[name].unseen for one in shown if one.faults[name].unseen > 0}
+        if shares:
+            most = max(shares, key=lambda candidate: shares[candidate])  # the first of those with as much
+            more = f" and {len(shares) - 1} more" if len(shares) > 1 else ""
+            whose = f" of {most}{more}" if len(shown) > 1 else ""
+            unseen.append(f"{name}{whose} in {'up to ' if more else ''}{100 * shares[most]:.3g} % of cases")
     if unseen:
         say(f"Never noticed, as no image is sure to show it: {', '.join(unseen)}.")
 

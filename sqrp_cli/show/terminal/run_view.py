@@ -13,21 +13,21 @@ from typing import TYPE_CHECKING, Any
 from sqrp_cli.errors import first_names
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.record.events import Event, ShownAtom, listed
+from sqrp_cli.run.record.events import BETWEEN, Event, ShownAtom, listed
 from sqrp_cli.run.record.report import Confusion, Disagreement, Prediction, RunReport, SweepDocument
 from sqrp_cli.show.sentences import short_times
 from sqrp_cli.show.terminal.console import (
     Column,
     TableCell,
+    changing_text,
     fits,
     joined,
-    live,
     numbers,
-    plain,
     print_table,
     progress,
     say,
     seconds,
+    styled,
 )
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def live_view(
     Where stderr is no terminal, a line now and then says how far the run has come. pace: show events at a steady pace,
     not as they come. planned: how long the run takes without a retry [s].
     """
-    doing, last, now = "looks", "", 0.0
+    doing, last, now = BETWEEN["step"], "", 0.0
     literals: Mapping[str, ShownAtom] = {}
 
     def tell(event: Event) -> None:
@@ -70,10 +70,8 @@ def live_view(
                 doing = event.name
             case "evidence":
                 literals = event.literals
-            case "stopping":
-                doing = "stops"
-            case "moving on":
-                doing = "moves on to look"
+            case kind:
+                doing = BETWEEN.get(kind, doing)
         if (happens := event_in_words(event)) is not None:
             last = f"{event.t:.2f} s: {happens}"
         width = max((len(atom) for atom in literals), default=0)
@@ -89,7 +87,7 @@ def live_view(
         show(joined([*parts, (last, "yellow")]))
 
     with ExitStack() as stack:
-        show, advance = stack.enter_context(live()), None
+        show, advance = stack.enter_context(changing_text()), None
         if show is None and planned is not None:
             advance = stack.enter_context(progress("Running, seconds of the motion", ceil(planned)))
         yield tell
@@ -209,7 +207,7 @@ def print_prediction(prediction: Sequence[Prediction], usual: Sequence[Predictio
         true = "-" if share is None else f"{found.tp}  {100 * share:5.1f} %"
         style = "" if share is None or share >= 0.97 else "yellow" if share >= 0.9 else "red"
         others = (f"{some} of {some + more}" for some, more in ((rest.tp, rest.fp), (rest.fn, rest.tn)))
-        return [str(found.tp + found.fp), plain(true, style), *others]
+        return [str(found.tp + found.fp), styled(true, style), *others]
 
     titles = ("images\npromised", "came true", "usual images\nthat showed it", "others that\nshowed it")
     columns = [Column("literal"), Column("camera"), *numbers(*titles)]
@@ -225,7 +223,7 @@ def print_prediction(prediction: Sequence[Prediction], usual: Sequence[Predictio
     if fits(columns, rows):  # else each row says for itself what it is about
         for above, row in reversed(list(pairwise(rows))):
             row[0] = "" if row[0] == above[0] else row[0]
-    rows.append([plain("all", "bold"), "", *cells(*of_all)])
+    rows.append([styled("all", "bold"), "", *cells(*of_all)])
     print_table(columns, rows)
     if of_all[1].tp + of_all[1].fp:
         say("usual images were not promised to show the literal, but such images mostly do", "dim")
@@ -242,11 +240,11 @@ def print_disagreements(found: Sequence[Disagreement], steps: int) -> None:
     for one in found:
         if not one.usual:
             groups.setdefault((not one.predicted, one.step, one.atom, one.camera, one.seen), []).append(one)
-    listed = sorted(groups.items())[:MOST_DISAGREEMENTS]
+    shown_groups = sorted(groups.items())[:MOST_DISAGREEMENTS]
     for unforeseen, title in ((False, "Promised, but not seen:"), (True, "Seen, though neither promised nor usual:")):
         rows = []
-        for (of_other, step, atom, camera, seen), images in listed:
-            if of_other is unforeseen:
+        for (is_unforeseen, step, atom, camera, seen), images in shown_groups:
+            if is_unforeseen is unforeseen:
                 # Of a recording, the start of a step is known to some microseconds: 0.45 must not become 0.4 there,
                 # 0.5 here.
                 times, shares = [round(one.t, 3) for one in images], [one.share for one in images]
@@ -402,10 +400,10 @@ def _print_cameras(cameras: Mapping[str, AuditedCamera], *, written: bool) -> No
             shift, shift_error = (1e3 * hypot(*v) for v in (one.pose.shift, one.pose.shift_error))
             style = "red" if one.moved else ""
             cells = [
-                plain(clock, "red" if one.clock.wrong else ""),
-                plain(f"{turn:.2f} ±{turn_error:.2f}", style),
-                plain(f"{shift:.1f} ±{shift_error:.1f}", style),
-                plain(f"{one.pose.pixels:.1f}", style),
+                styled(clock, "red" if one.clock.wrong else ""),
+                styled(f"{turn:.2f} ±{turn_error:.2f}", style),
+                styled(f"{shift:.1f} ±{shift_error:.1f}", style),
+                styled(f"{one.pose.pixels:.1f}", style),
             ]
         rows.append([name, str(one.images), *cells])
     print_table([Column("camera"), *numbers(*titles)], rows)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import shlex
 from collections.abc import Callable
 from time import monotonic
-from typing import Any
 
-from sqrp_cli.figures import AdvisedFigures, named_figures
-from sqrp_cli.score.result import Scorecard, Sweep, listed
+from sqrp_cli.figures import AdvisedFigures, Figures, named_figures
+from sqrp_cli.score.result import Scorecard, ScoredVariant, Sweep, listed
 from sqrp_cli.search.advice_result import AdviceDocument
 from sqrp_cli.search.goal import MOTION, Goal, shown_size
 from sqrp_cli.search.placing_result import PlaceDocument, count_in_words
@@ -21,15 +20,15 @@ from sqrp_cli.show.terminal.console import (
     joined,
     note,
     numbers,
-    plain,
     print_table,
     say,
     say_assumed,
     say_command,
     say_line,
     seconds,
+    styled,
 )
-from sqrp_cli.show.terminal.progress_lines import PERIOD, wanted
+from sqrp_cli.show.terminal.progress_lines import PERIOD, lines_wanted
 
 _FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nat worst")
 
@@ -38,11 +37,11 @@ _STYLES = {"passed": "green", "failed": "red", "error": "bold red"}
 ROWS = 20  # variants in the table; the document has all
 
 
-def _figures_of(one: Any, worst: float | None = None) -> list[str]:  # noqa: ANN401 - whatever has these figures
-    """The cells of `_FIGURES`. worst: the longest delay of what has no `delay_worst` [s]."""
-    late = delay(getattr(one, "delay_worst", worst), one.unseen)
+def _figures_of(one: AdvisedFigures | Figures | ScoredVariant) -> list[str]:
+    """The cells of `_FIGURES`."""
     shares = ("-" if share is None else f"{100 * share:.1f}" for share in (one.q_eoi, one.q_avg))
-    return [*shares, seconds(one.time), late]
+    worst = one.delay if isinstance(one, ScoredVariant) else one.delay_worst
+    return [*shares, seconds(one.time), delay(worst, one.unseen)]
 
 
 def print_advice(found: AdviceDocument, *, written: bool = False) -> None:
@@ -125,20 +124,20 @@ def _in_words(found: AdvisedFigures, want: Goal) -> str:
 MOST_UNSEEN = 8  # most targets that are named where a goal cannot be met
 
 
-def bounds_told() -> Callable[[str, float | None, float], None]:
+def bounds_reporter() -> Callable[[str, float | None, float], None]:
     """Lines on stderr now and then about a search that is long: what is sought, the best so far, and the bound."""
-    began = told = monotonic()
+    began = latest = monotonic()
 
-    def tell(title: str, best: float | None, bound: float) -> None:
-        nonlocal told
-        if wanted.get() and monotonic() - told >= PERIOD:
-            told = monotonic()
+    def report(title: str, best: float | None, bound: float) -> None:
+        nonlocal latest
+        if lines_wanted.get() and monotonic() - latest >= PERIOD:
+            latest = monotonic()
             values = (best or 0.0, bound)
             first, last = (f"{100 * v:.1f} %" if title.endswith(" Q") else f"{abs(v):.4g}" for v in values)
             first = "none" if best is None else first
-            note(f"choosing cameras: {title}: best so far {first}, bound {last} after {told - began:.0f} s")
+            note(f"choosing cameras: {title}: best so far {first}, bound {last} after {latest - began:.0f} s")
 
-    return tell
+    return report
 
 
 def print_placement(found: PlaceDocument, *, written: bool = False) -> None:
@@ -164,14 +163,15 @@ def print_placement(found: PlaceDocument, *, written: bool = False) -> None:
         say()
         columns = [Column("camera"), Column("mount"), Column("lens", shrink=True), Column("where [m]")]
         columns += numbers("alone\n[%]", "loss if it\nfails [points]")
-        if any(one.price for one in found.cameras):
-            columns.append(Column("price", right=True))
+        priced = any(one.price for one in found.cameras)
+        columns += numbers("price") if priced else []
         cameras = []
         for camera in found.cameras:
             where = " ".join(f"{row[3]:z.3f}" for row in camera.pose[:3])
             where += "" if camera.frame == "world" else f" {camera.frame}"
-            figures = [f"{100 * camera.alone:.1f}", f"{100 * camera.loss:z.1f}", f"{camera.price:g}"]
-            cameras.append([camera.name, camera.mount, camera.lens, where, *figures][: len(columns)])
+            figures = [f"{100 * camera.alone:.1f}", f"{100 * camera.loss:z.1f}"]
+            price = [f"{camera.price:g}"] if priced else []
+            cameras.append([camera.name, camera.mount, camera.lens, where, *figures, *price])
         print_table(columns, cameras)
         say()
         several = len(found.tasks) > 1
@@ -213,7 +213,7 @@ def print_scorecard(findings: Scorecard) -> None:
         rows: list[list[Styled]] = []
         for one in findings.results:
             best = ["", "", "", "", ""] if one.best is None else [one.best.name, *_figures_of(one.best)]
-            rows.append([one.workspace, one.task or "", *best, plain(one.status, _STYLES[one.status])])
+            rows.append([one.workspace, one.task or "", *best, styled(one.status, _STYLES[one.status])])
         columns = [Column("workspace", shrink=True), Column("task", shrink=True), Column("best", shrink=True)]
         print_table([*columns, *numbers(*_FIGURES), Column("")], rows)
     for score in findings.results:
@@ -293,7 +293,7 @@ def passed_in_words(findings: Scorecard) -> str:
     return ", ".join(counts) + "."
 
 
-def print_sweep(found: Sweep) -> None:
+def print_variants(found: Sweep) -> None:
     """The table of variants, the best first, and the command that applies the best."""
     paths = max((list(one.values) for one in found.variants), key=len)
     columns = [Column("#", right=True), *(Column(name, right=True, shrink=True) for name in column_titles(paths))]
@@ -310,17 +310,17 @@ def print_sweep(found: Sweep) -> None:
             [
                 str(one.rank),
                 *(one.values.get(path, "as it is") for path in paths),
-                *_figures_of(one, one.delay),
+                *_figures_of(one),
                 f"{one.feasible} of {one.choices}",
-                plain("error", "bold red") if errors else passed,
+                styled("error", "bold red") if errors else passed,
             ]
         )
     print_table(columns, rows)
     for reason, ranks in reasons.items():
         say(f"{', '.join(f'#{rank}' for rank in ranks)}: {reason}")
     if len(found.variants) > len(shown):
-        say(plain(f"{len(found.variants) - len(shown)} more are in the document of --json.", "dim"))
-    say(plain("Figures are means over the choices of objects, of every task, that can be done.", "dim"))
+        say(styled(f"{len(found.variants) - len(shown)} more are in the document of --json.", "dim"))
+    say(styled("Figures are means over the choices of objects, of every task, that can be done.", "dim"))
     say()
     if found.patch is None:
         say("None is better than the workspace as it is.")

@@ -15,49 +15,38 @@ from sqrp_cli.show.terminal.console import (
     Styled,
     joined,
     output,
-    plain,
     print_table,
     say,
     say_assumed,
+    styled,
     unbroken,
 )
 from sqrp_cli.study.result import CandidateResult
 
 MOST_SIGNS = 50  # signs in a row if the terminal is wide enough; each stands for an equal share of the motion's time
 LEAST_SIGNS = 10  # least number of signs in a row, even in a narrow terminal
-FIGURES = 12  # width of the figures behind the rows
-LABEL = 18  # width of the names in front of the rows
+FIGURES_WIDTH = 12  # width of the figures behind the rows
+LABEL_WIDTH = 18  # width of the names in front of the rows
 
-SIGNS: Mapping[str | None, tuple[str, str]] = {
-    None: ("█", "green"),
-    "behind": ("l", "yellow"),
-    "too_near": ("n", "yellow"),
-    "too_far": ("f", "yellow"),
-    "out_of_image": ("o", "blue"),
-    "detector_near": ("n", "yellow"),
-    "detector_far": ("f", "yellow"),
-    "oblique": ("a", "magenta"),
-    "too_small": ("s", "magenta"),
-    "hidden": ("h", "red"),
-    "same_colour": ("c", "red"),
-    "too_dark": ("d", "red"),
-    "too_bright": ("b", "red"),
+SIGNS: Mapping[str | None, tuple[str, str, str]] = {
+    None: ("█", "green", "covered"),
+    "hidden": ("h", "red", "hidden"),
+    "out_of_image": ("o", "blue", "out of image"),
+    "too_far": ("f", "yellow", "too far"),
+    "detector_far": ("f", "yellow", "too far"),
+    "too_near": ("n", "yellow", "too near"),
+    "detector_near": ("n", "yellow", "too near"),
+    "oblique": ("a", "magenta", "angle"),
+    "too_small": ("s", "magenta", "too small"),
+    "behind": ("l", "yellow", "looks away"),
+    "same_colour": ("c", "red", "same colour behind"),
+    "too_dark": ("d", "red", "too dark"),
+    "too_bright": ("b", "red", "too bright"),
 }
-"""Sign and colour of each cause; None: covered."""
+"""Sign, colour and words of each cause, in the order of the legend; None: covered."""
 
+SELDOM = ("behind", "same_colour", "too_dark", "too_bright")  # in the legend only where a camera does not see for that
 NOT_REQUIRED = ("·", "dim")  # sign where no formula requires a literal
-
-LEGEND = (
-    *("█ covered", "h hidden", "o out of image", "f too far", "n too near", "a angle", "s too small"),
-    *("- not covered", "· not required"),
-)
-SELDOM = {
-    "behind": "l looks away",
-    "same_colour": "c same colour behind",
-    "too_dark": "d too dark",
-    "too_bright": "b too bright",
-}
-"""Added to it where a camera cannot see something for that."""
 
 
 def print_explanation(found: Explanation) -> None:
@@ -83,9 +72,10 @@ def print_explanation(found: Explanation) -> None:
         say(joined([unbroken(figures), "\n"]))
     for row in _rows(found):
         say(row)
-    seldom = [words for cause, words in SELDOM.items() if any(one.cause == cause for one in found.unseen_times)]
-    say(plain(unbroken(f"{one.name} {one.does}" for one in found.primitives), "dim"))
-    say(plain(unbroken([*LEGEND, *seldom], "  "), "dim"))
+    seen = {one.cause for one in found.unseen_times}
+    legend = dict.fromkeys(f"{s} {words}" for cause, (s, _, words) in SIGNS.items() if cause not in {*SELDOM} - seen)
+    say(styled(unbroken(f"{one.name} {one.does}" for one in found.primitives), "dim"))
+    say(styled(unbroken([*legend, "- not covered", "· not required"], "  "), "dim"))
     _print_faults(found)
     say_assumed(found.assumed if found.faults else "")
     say(f"\n{_camera_failures(found)}")
@@ -105,7 +95,7 @@ def print_explanation(found: Explanation) -> None:
             [(o.literal, o.camera, f"{100 * o.hidden:.1f} %", part_shares_in_words(o.parts)) for o in found.hidden],
         )
     say(f"\n{' '.join(filter(None, (found.verdict, what_to_move(found.to_move))))}")
-    say(plain(accuracy(found.sampling, [found]), "dim"))
+    say(styled(accuracy(found.sampling, [found]), "dim"))
 
 
 def _print_faults(found: CandidateResult) -> None:
@@ -123,7 +113,7 @@ def print_comparison(found: ExplainedAll) -> None:
     """The coverage of every candidate on one time scale, a row each, and the verdicts."""
     feasible = [one for one in found.candidates if one.sampling is not None]
     longest = max((one.time or 0.0 for one in feasible), default=0.0)
-    say(f"{'':{LABEL}}0{f'{longest:.1f} s':>{_width() - 1}}")
+    say(f"{'':{LABEL_WIDTH}}0{f'{longest:.1f} s':>{_width() - 1}}")
     for one in found.candidates:
         if one.sampling is None:
             say(joined([*_label(one.name, ""), (f"infeasible: {one.reasons[0]}", "red")]))
@@ -132,27 +122,27 @@ def print_comparison(found: ExplainedAll) -> None:
         signs = _signs([(sample.covered, "!" if sample.event else "-") for sample in (one.samples[i] for i in shown)])
         figures = "".join(" " + ("    -" if q is None else f"{100 * q:5.1f}") for q in (one.q_eoi, one.q_avg))
         say(joined([*_label(one.name), *signs, figures]))
-        say(plain(" " * LABEL + primitives))
+        say(styled(" " * LABEL_WIDTH + primitives))
     legend = "On the right Q_eoi and Q_avg [%]. █ covered  - not covered  ! not covered in an event of interest"
-    say(plain(legend, "dim"))
+    say(styled(legend, "dim"))
     if feasible:
-        say(plain(unbroken(f"{one.name} {one.does}" for one in feasible[0].primitives), "dim"))
+        say(styled(unbroken(f"{one.name} {one.does}" for one in feasible[0].primitives), "dim"))
     for one in feasible:
         say(f"\n{one.name}: {one.verdict}")
     if done := [one.sampling for one in feasible if one.sampling is not None]:
         error = max((one.error for one in done if one.error is not None), default=None)
         gap = max((one.max_gap for one in done if one.max_gap is not None), default=None)
-        say(plain(f"\n{accuracy(replace(done[0], error=error, max_gap=gap), feasible)}", "dim"))
+        say(styled(f"\n{accuracy(replace(done[0], error=error, max_gap=gap), feasible)}", "dim"))
 
 
 def _label(name: str, style: str = "bold") -> list[Styled | tuple[str, str]]:
     """A name in front of a row; a long one gets its own line."""
-    return [(name.ljust(LABEL), style), *(["\n" + " " * LABEL] if len(name) >= LABEL else [])]
+    return [(name.ljust(LABEL_WIDTH), style), *(["\n" + " " * LABEL_WIDTH] if len(name) >= LABEL_WIDTH else [])]
 
 
 def _width() -> int:
     """Signs in a row that fit the terminal."""
-    return max(LEAST_SIGNS, min(MOST_SIGNS, output().width - LABEL - FIGURES))
+    return max(LEAST_SIGNS, min(MOST_SIGNS, output().width - LABEL_WIDTH - FIGURES_WIDTH))
 
 
 def _camera_failures(found: ExplainedCandidate) -> str:
@@ -219,20 +209,23 @@ def _rows(found: ExplainedCandidate) -> list[Styled]:
         style = "" if label.startswith(" ") else "bold"
         return joined([*_label(label, style), *signs, "" if share is None else f" {100 * share:5.1f} %"])
 
-    rows: list[Styled] = [f"{'':{LABEL}}0{f'{time:.1f} s':>{_width() - 1}}", plain(" " * LABEL + primitives)]
+    rows: list[Styled] = [
+        f"{'':{LABEL_WIDTH}}0{f'{time:.1f} s':>{_width() - 1}}",
+        styled(" " * LABEL_WIDTH + primitives),
+    ]
     if interesting := "".join("◆" if samples[i].event else " " for i in shown).rstrip():
-        rows.append(plain("event of interest".ljust(LABEL) + interesting.ljust(len(shown))))
+        rows.append(styled("event of interest".ljust(LABEL_WIDTH) + interesting.ljust(len(shown))))
     rows.append(row("all literals", [sample.covered for sample in samples]))
     for atom in dict.fromkeys(name.removeprefix("not ") for name in found.targets):
         literals = [one.literals.get(atom) or one.literals.get(f"not {atom}") for one in samples]
         rows += ["", row(atom, [None if one is None else one.covered for one in literals])]
         for camera in found.cameras:
             verdicts = [None if one is None else one.cameras[camera] for one in literals]
-            signs = [NOT_REQUIRED if (one := verdicts[i]) is None else SIGNS[one.cause] for i in shown]
+            signs = [NOT_REQUIRED if (one := verdicts[i]) is None else SIGNS[one.cause][:2] for i in shown]
             rows.append(row(f"  {camera}", [None if one is None else one.covered for one in verdicts], signs))
     return rows
 
 
 def _signs(states: Iterable[tuple[State, str]]) -> list[tuple[str, str]]:
     """A sign for each state, with what stands for one that is not covered."""
-    return [NOT_REQUIRED if one is None else SIGNS[None] if one else (missed, "red") for one, missed in states]
+    return [NOT_REQUIRED if one is None else SIGNS[None][:2] if one else (missed, "red") for one, missed in states]
