@@ -201,7 +201,7 @@ def catalogue() -> Mapping[str, LensEntry]:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Spot:
+class Site:
     """One place for a camera."""
 
     mount: str  # the entry that it belongs to
@@ -216,7 +216,7 @@ class Spot:
 class Mounts:
     """Where cameras may go, and which."""
 
-    spots: tuple[Spot, ...]
+    sites: tuple[Site, ...]
     lenses: Mapping[str, LensEntry]
     """By name; with prices as this file states them."""
     weights: dict[str, float]
@@ -255,15 +255,15 @@ def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mou
         lens = replace(catalogue()[one.catalogue], price=one.price) if isinstance(one, CatalogueLens) else one
         lenses[name] = lens
         check_image(document, ("lenses", name, "image"), lenses[name].image.intrinsics())
-    spots, aimless = list[Spot](), list[Problem]()
+    sites, aimless = list[Site](), list[Problem]()
     for name, entry in file.mounts.items():
         (steps, counts), span, aims = entry.rows(), entry.rail or entry.grid, entry.aims
         # Of a grid x slowest, z fastest.
         first = np.array(entry.points if span is None else span.start, dtype=float)
         places = np.round(first + np.array(list(product(*map(range, counts)))) @ steps, 9) + 0.0
         fitting = lenses if entry.lenses is None else {lens: lenses[lens] for lens in entry.lenses}
-        spots += [
-            Spot(
+        sites += [
+            Site(
                 mount=name,
                 name=name if len(places) == 1 else f"{name} {number}",
                 frame=entry.frame,
@@ -283,7 +283,7 @@ def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mou
     for task in file.weights:
         if listed and task not in listed:
             raise document.error("unknown-task", ("weights",), no_such(task, "task of the workspace", listed))
-    return Mounts(spots=tuple(spots), lenses=lenses, weights=dict(file.weights))
+    return Mounts(sites=tuple(sites), lenses=lenses, weights=dict(file.weights))
 
 
 def _problems(document: SourceDocument, file: PlaceFile, links: tuple[str, ...]) -> Iterator[Problem]:

@@ -64,7 +64,7 @@ def kept_verdicts(
             sensing = [value for entry in fields(lens) if isinstance(value := getattr(lens, entry.name), float)]
             size, distortion = [own.width, own.height], [own.distortion_model, own.distortion.tolist()]
             said = [one.lens_name, *size, own.matrix.tolist(), *distortion, sensing]
-            places.append([one.spot.frame, one.X_FC.tolist(), said])
+            places.append([one.site.frame, one.X_FC.tolist(), said])
         vias = {name: via.tolist() for name, via in chosen.vias.items()}
         motion = [chosen.skill.name, dict(chosen.binding), dict(chosen.values), dict(chosen.branch), vias]
         key = key_of("place", workspace.digest, seed, motion, samples.piece.tolist(), samples.t.tolist(), places)

@@ -59,7 +59,7 @@ _BOUNDS: dict[CameraKind, Bounds] = {
 
 
 class CameraMove:
-    """Changes of one camera, see `least`: of its aim, its position, its lens, or where a further one stands."""
+    """Changes of one camera, see `least.Move`: of its aim, its position, its lens, or where a further one stands."""
 
     def __init__(
         self, start: Start, kind: CameraKind, camera: Camera, *, middle: bool = False, lens_of: str = ""
@@ -93,7 +93,7 @@ class CameraMove:
         return replace(aim, point=read_only(whole_millimetres(middle)))
 
     def outward(self, reach: float, coarser: int = 1) -> Iterable[Array]:
-        """See `least`; coarser: so many times its steps."""
+        """See `least.Move`; coarser: so many times its steps."""
         if self.kind != "lens":
             return shells(self.bounds.dimension, coarser * self.bounds.step, reach)
         step, present = coarser * LENS_STRIDE, field_of_view(self.camera)
@@ -114,7 +114,7 @@ class CameraMove:
         return [self.camera], looking_at(eyes, np.tile(self.aim.point, (len(vectors), 1)), self.aim.up)
 
     def passes(self, vectors: Array) -> Mask:
-        """See `least`."""
+        """See `least.Move`."""
         passes = np.ones(len(vectors), dtype=bool)
         if self.kind == "lens":
             views = field_of_view(self.camera) + vectors[:, 0]
@@ -136,7 +136,7 @@ class CameraMove:
         return free
 
     def change(self, vector: Array) -> ProposedChange:
-        """See `least`: places in whole millimetres, views in tenths of degrees."""
+        """See `least.Move`: places in whole millimetres, views in tenths of degrees."""
         camera, aim, eye, values, turn = self.camera, self.aim, self.camera.X_FC[:3, 3], vector, 0.0
         if self.kind == "lens":
             there = _with_view(camera, float(vector[0]))
@@ -169,7 +169,7 @@ class CameraMove:
         )
 
     def meets(self, change: ProposedChange) -> bool:
-        """See `least`: by the exact timeline of what the goal is about; where it is missed, the bound learns."""
+        """See `least.Move`: by the exact timeline of what the goal is about; where it is missed, the bound learns."""
         question, goal = self.start.question, self.start.question.goal
         if change.camera is None or not self._free(change.camera.X_FC[None])[0]:
             return False
@@ -193,7 +193,7 @@ class CameraMove:
         return analysed_again(change.in_cell(question.cell), self.start.feasible_analysis, question.sampling)
 
     def nearest(self) -> Array | None:
-        """See `least`: by the share of some samples that are covered."""
+        """See `least.Move`: by the share of some samples that are covered."""
         vectors = np.concatenate(list(self.outward(self.bounds.reaches[-1], 3 if self.kind == "lens" else 4)))
         vectors = vectors[:: max(1, len(vectors) // _COMPARED_POSES)]
         if self.kind != "lens":
@@ -240,7 +240,7 @@ def further_camera(start: Start) -> Sequence[Tried] | NoneMeets:
         sides, every = sides / np.linalg.norm(sides, axis=1)[:, None], len(sides) // 6
         for row in rows[np.argsort(-room, kind="stable")][:_PLACES_DECIDED].tolist():
             change = one.change(whole_millimetres(places[row]))
-            if one.meets(change) and question.met_for_sure(change, analysis := one.analysed(change)):
+            if one.meets(change) and question.met_for_sure(tried := Tried(change, one.analysed(change))):
                 # By how much it may be off to any side, its aim kept [m].
                 around, eye, more = move(), np.array(change.values), 0.0
                 for off in _ROOM:
@@ -248,7 +248,7 @@ def further_camera(start: Start) -> Sequence[Tried] | NoneMeets:
                     if not (around.passes(eyes).all() and all(map(around.meets, map(around.change, eyes[::every])))):
                         break
                     more = off
-                return Tried(change, analysis, Margin(less=0.0, more=more))
+                return tried._replace(margin=Margin(less=0.0, more=more))
         return None
 
     if not CameraMove(start, "camera", replace(fixed[0], name=name)).bound.hopeful:

@@ -58,16 +58,6 @@ def shown_size(size: float, unit: str) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FewestPossible:
-    """How many cameras there have to be, whatever they see."""
-
-    cameras: int
-    """On mounts, besides those that stay."""
-    reason: str
-    """Such as `inspect` needs two at once."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class Goal(Record):
     """Least qualities and longest times; null where anything will do."""
 

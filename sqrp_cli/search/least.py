@@ -1,16 +1,7 @@
 """The one search for a least change: outward over grids, shorter from what is found, then a fine grid below it.
 
-A `Move` is a kind of change of one thing by vectors (d,). A quick bound lets vectors pass that may meet the goal, the
-exact analysis of the motion decides, and the samples of `explain` confirm. Moves of cameras and objects have:
-
-- `bounds`: how it is searched.
-- `outward`: batches of vectors (p, d) up to a length, nearer ones first.
-- `passes`: which vectors (p, d) may meet the goal, shape (p,): quick, and never false for one that does. It gets
-  sharper by what is learned of one of them.
-- `change`: the change that a vector stands for, in values that people can set; nearly the same one.
-- `meets`: whether a change meets the goal, as far as that is about what is seen.
-- `analysed`: the way with a change; None if it cannot be done.
-- `nearest`: of some vectors, none of which meets the goal, the one that comes nearest to it; None if none can be.
+A quick bound lets vectors pass that may meet the goal, the exact analysis of the motion decides, and the samples of
+`explain` confirm.
 """
 
 from __future__ import annotations
@@ -30,6 +21,17 @@ from sqrp_cli.search.question import NoneMeets, ProposedChange, Question, Tried
 from sqrp_cli.search.vectors import fine_grid
 
 Move: TypeAlias = CameraMove | ObjectMove
+"""A kind of change of one thing by vectors (d,):
+
+- `bounds`: how it is searched.
+- `outward`: batches of vectors (p, d) up to a length, nearer ones first.
+- `passes`: which vectors (p, d) may meet the goal, shape (p,): quick, and never false for one that does. It gets
+  sharper by what is learned of one of them.
+- `change`: the change that a vector stands for, in values that people can set; nearly the same one.
+- `meets`: whether a change meets the goal, as far as that is about what is seen.
+- `analysed`: the way with a change; None if it cannot be done.
+- `nearest`: of some vectors, none of which meets the goal, the one that comes nearest to it; None if none can be.
+"""
 
 MOST_MORE = {"m": 0.3, "rad": np.radians(30)}
 """A change is not made larger than the least that was found and this, for its margin or to confirm it."""
@@ -97,8 +99,8 @@ def confirmed(question: Question, move: Move, found: ProposedChange) -> Tried | 
     while length <= found.size + MOST_MORE[found.unit] if met is None else high - low > shortest:
         change = found if length == found.size else move.change(length * unit)
         analysis = move.analysed(change)
-        if analysis is not None and question.met_for_sure(change, analysis):
-            met, high = Tried(change, analysis), length
+        if analysis is not None and question.met_for_sure(tried := Tried(change, analysis)):
+            met, high = tried, length
         else:
             low = length
         if met is None:

@@ -48,7 +48,7 @@ def other_way(question: Question) -> Sequence[Tried] | NoneMeets:
     for one in ways:
         way, said = one.candidate.parameters, choice_in_words(best.candidate, one.candidate)
         tried = Tried(ProposedChange(kind="way", target=best.candidate.name, parameters=way, said=said), one)
-        if question.met_for_sure(None, one):
+        if question.met_for_sure(tried):
             return [tried]
         near.append(tried)
     if best.ways is None:
@@ -61,15 +61,10 @@ def seen_path(question: Question) -> Sequence[Tried] | NoneMeets:
     candidate, near = question.best.candidate, list[Tried]()
     if not candidate.steps and not _open_paths(candidate):
         return NoneMeets("not tried: the skill or the task says which path")
-    for whole, chosen, where, unwritten in _in_seen_paths(question):
-        said = f"with paths that keep sight{where}"
-        parameters = {**candidate.parameters, **dict.fromkeys(chosen, SEEN)}
-        change = ProposedChange(
-            kind="path", target=candidate.name, parameters=parameters, said=said, unwritten=unwritten
-        )
-        near.append(Tried(change, whole))
-        if question.met_for_sure(None, whole):
-            return near[-1:]
+    for tried in _in_seen_paths(question):
+        near.append(tried)
+        if question.met_for_sure(tried):
+            return [tried]
     if near:
         return NoneMeets("none that was found is enough", near)
     stated = "not tried: the skills or the task say which paths"
@@ -84,14 +79,14 @@ def with_way(candidate: Candidate, way: WayFigures) -> Candidate:
     return replace(candidate, values=values, branch=branch, vias=vias)
 
 
-def _in_seen_paths(question: Question) -> Iterator[tuple[WholeAnalysis, Sequence[str], str, str]]:
+def _in_seen_paths(question: Question) -> Iterator[Tried]:
     """The best way of a candidate of one step with paths that keep sight, then the best within the time of the goal.
 
     Of several steps: all in their best ways, with seen paths in one step, in one more, and so on; those seen worst
-    first. Each with the parameters that choose these paths, the steps that have them in words, and why no workspace
-    file says it.
+    first.
     """
     candidate, sampling = question.best.candidate, question.sampling
+    change = ProposedChange(kind="path", target=candidate.name, said="with paths that keep sight")
     if not candidate.steps:
         paths = _open_paths(candidate)
         seen = replace(candidate, values={**candidate.values, **dict.fromkeys(paths, SEEN)})
@@ -99,7 +94,9 @@ def _in_seen_paths(question: Question) -> Iterator[tuple[WholeAnalysis, Sequence
             best = find_way(question.cell, seen, question.world, sampling, WantedWay(limit=limit))
             if not isinstance(best, Infeasible):
                 unwritten = "" if limit is None else f"no task says it: use --max-time {limit.seconds:g}"
-                yield WholeAnalysis(best.analysis.planned.candidate, (best.analysis,)), paths, "", unwritten
+                parameters = {**candidate.parameters, **dict.fromkeys(paths, SEEN)}
+                whole = WholeAnalysis(best.analysis.planned.candidate, (best.analysis,))
+                yield Tried(replace(change, parameters=parameters, unwritten=unwritten), whole)
     steps, left = list(candidate.steps), list(range(len(candidate.steps)))
     while left and question.best.feasible:
         index = left.pop(worst_seen([question.best.steps[number] for number in left]))
@@ -117,9 +114,10 @@ def _in_seen_paths(question: Question) -> Iterator[tuple[WholeAnalysis, Sequence
         if len(done) == len(steps):
             asked = whole_candidate(candidate.skill, steps)
             chosen = [name for name, value in asked.values.items() if value == SEEN]
-            where = f" in step {' and '.join(dict.fromkeys(name.partition('.')[0] for name in chosen))}"
-            whole = whole_candidate(candidate.skill, [one.planned.candidate for one in done])
-            yield WholeAnalysis(whole, tuple(done)), chosen, where, ""
+            said = f"{change.said} in step {' and '.join(dict.fromkeys(name.partition('.')[0] for name in chosen))}"
+            parameters = {**candidate.parameters, **dict.fromkeys(chosen, SEEN)}
+            way = whole_candidate(candidate.skill, [one.planned.candidate for one in done])
+            yield Tried(replace(change, parameters=parameters, said=said), WholeAnalysis(way, tuple(done)))
 
 
 def _of_steps(question: Question) -> Iterator[WholeAnalysis]:

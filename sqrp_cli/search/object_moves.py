@@ -27,7 +27,7 @@ BOUNDS = Bounds(
 
 @dataclass(eq=False)
 class ObjectMove:
-    """Moves of one object, see `least`: its vectors are looked at exactly, so nothing has to be learned."""
+    """Moves of one object, see `least.Move`: its vectors are looked at exactly, so nothing has to be learned."""
 
     question: Question
     name: str
@@ -43,11 +43,11 @@ class ObjectMove:
         yield from (0.01 * 2**number * ring for number in range(1 + round(np.log2(reach / 0.01))))
 
     def passes(self, vectors: Array) -> Mask:
-        """See `least`."""
+        """See `least.Move`."""
         return np.array([self.meets(self.change(vector)) for vector in vectors], dtype=bool)
 
     def change(self, vector: Array) -> ProposedChange:
-        """See `least`: in whole millimetres."""
+        """See `least.Move`: in whole millimetres."""
         moved = whole_millimetres(np.append(vector, 0.0))
         X_WO = self.question.world.X_WO[self.name].copy()
         X_WO[:3, 3] = np.round(X_WO[:3, 3] + moved, 6)
@@ -61,7 +61,7 @@ class ObjectMove:
         )
 
     def meets(self, change: ProposedChange) -> bool:
-        """See `least`: qualities first, since delays take as long as all the rest."""
+        """See `least.Move`: qualities first, since delays take as long as all the rest."""
         if change.values not in self._known:
             question, met = self.question, False
             if change.size and self._fits(change):
@@ -80,7 +80,7 @@ class ObjectMove:
         return self._known[change.values]
 
     def analysed(self, change: ProposedChange) -> WholeAnalysis | None:
-        """See `least`; None where the object does not fit, or cannot be handled."""
+        """See `least.Move`; None where the object does not fit, or cannot be handled."""
         question = self.question
         if not self._fits(change):
             return None
@@ -89,7 +89,7 @@ class ObjectMove:
         return None if isinstance(found, Infeasible) else found
 
     def nearest(self) -> Array | None:
-        """See `least`: of moves by some centimetres."""
+        """See `least.Move`: of moves by some centimetres."""
         *_, vectors = self.outward(0.08)
         tried = [self.analysed(self.change(vector)) for vector in vectors]
         missing = [self.question.goal.shortfall(None if one is None else one.result) for one in tried]

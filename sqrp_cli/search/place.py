@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from sqrp_cli.camera.camera import Camera, assumed_latency
-from sqrp_cli.cell.mounts import Spot
+from sqrp_cli.cell.mounts import Site
 from sqrp_cli.figures import AdvisedFigures
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.geometry import Array, Mask, read_only
@@ -298,17 +298,17 @@ class CameraPlacer:
     ) -> PlaceDocument:
         """What is found. problem: the last one; None where no candidate can be done. cell: with the cameras."""
         question, table, requirements = self.question, self.table, self.question.requirements
-        sites = len(question.mounts.spots)
-        seen, shut = np.zeros(sites), np.zeros(sites, dtype=bool)
+        count = len(question.mounts.sites)
+        seen, shut = np.zeros(count), np.zeros(count, dtype=bool)
         if problem is not None:
-            np.maximum.at(seen, problem.site[problem.free], problem.alone[problem.free])
+            np.maximum.at(seen, problem.site_of[problem.free], problem.alone[problem.free])
             shut[sorted(problem.shut)] = True
         delays = [one.found.latest for one in candidates if one.found.latest is not None]
         cell = table.cell_with(()) if cell is None else cell
         document = PlaceDocument(
             workspace=question.cell.workspace.name,
             tasks=tuple(task.text for task in question.tasks),
-            mounts=sites,
+            mounts=count,
             want=requirements.goal or Goal(),
             cameras=tuple(cameras),
             keep=question.keep,
@@ -327,7 +327,7 @@ class CameraPlacer:
                 for task, one in table.infeasible
             ),
             compared=Compared(
-                mounts=sites,
+                mounts=count,
                 in_the_way=int(shut.sum()),
                 options=len(table.options) - len(table.kept),
                 ways=len(table.ways),
@@ -379,7 +379,7 @@ class CameraPlacer:
         table, goal, moved = self.table, result.requirements.goal, []
         found = refined(table, [placed.place for placed in cameras], selection.ways)
         for placed, to in zip(cameras, found, strict=True):
-            distance = float(np.linalg.norm(to.spot.position - placed.place.spot.position))
+            distance = float(np.linalg.norm(to.site.position - placed.place.site.position))
             there = CameraPlaced.at(to, placed.name, alone=placed.alone, loss=placed.loss)
             moved.append(replace(there, mount=placed.mount, moved=distance))
         all_cameras = [*(placed.camera for placed in moved), *stay]
@@ -396,7 +396,7 @@ class CameraPlacer:
     ) -> tuple[PlacedCandidate, ...]:
         """The candidates with their exact figures: in the way that `rank` takes in the new cell, if it is as good."""
         question, table, placed = self.question, self.table, list[PlacedCandidate]()
-        places = [table.spots[problem.site[option]] for option in selection.options]
+        places = [table.sites[problem.site_of[option]] for option in selection.options]
         for number, analysis in zip(selection.ways, analyses, strict=True):
             way, old, taken = table.ways[number], analysis.result, None
             if not question.fastest:
@@ -458,12 +458,12 @@ def refined(table: VisibilityTable, places: Sequence[Installation], numbers: Seq
     present = worth(seen)
     for halving in range(1, _HALVINGS + 1):
         for number, place in enumerate(best[: len(places)]):
-            rest = [other.spot for other in (*best[:number], *best[number + 1 :])]
+            rest = [other.site for other in (*best[:number], *best[number + 1 :])]
             tried = [
                 one
                 for one in _around(place, 0.5**halving)
-                if not any(True for other in rest for _ in touching_pairs([one.spot, other]))
-                and not any(blocked(cell, way.swept, [one.spot])[0] for way in ways)
+                if not any(True for other in rest for _ in touching_pairs([one.site, other]))
+                and not any(blocked(cell, way.swept, [one.site])[0] for way in ways)
             ]
             if present >= (1.0, 1.0) or not tried:
                 continue
@@ -475,35 +475,35 @@ def refined(table: VisibilityTable, places: Sequence[Installation], numbers: Seq
     for one, other in permutations(range(len(best)), 2):
         for way, sees in zip(ways, seen[other], strict=True):
             moved = min(one, other) < len(places)
-            if moved and (hidden_by(way, best[one].spot, best[other].spot) & sees).any():
+            if moved and (hidden_by(way, best[one].site, best[other].site) & sees).any():
                 return tuple(places)
     return tuple(best[: len(places)])
 
 
 def _around(place: Installation, share: float) -> Iterator[Installation]:
     """The camera a share of a step away along its mount, and turned by a share of a step of its cone."""
-    spot, entry, tried = place.spot, place.spot.entry, list[tuple[Spot, Array | None]]()
+    site, entry, tried = place.site, place.site.entry, list[tuple[Site, Array | None]]()
     laid = entry.rail or entry.grid
     if laid is not None:
         start, end = np.array(laid.start), np.array(laid.end)
         way = end - start
         axes = [way / max(float(np.linalg.norm(way)), 1e-9)] if entry.rail else list(np.eye(3)[np.abs(way) > 0])
         for offset in (sign * share * laid.step * axis for axis in axes for sign in (-1.0, 1.0)):
-            inside = np.clip(spot.position + offset, np.minimum(start, end), np.maximum(start, end))
+            inside = np.clip(site.position + offset, np.minimum(start, end), np.maximum(start, end))
             position = np.round(inside, 3) + 0.0
-            if np.abs(position - spot.position).max() >= _FINEST:
-                name = f"{spot.name.removesuffix(', moved')}, moved"
-                tried.append((replace(spot, name=name, position=read_only(position)), place.at))
+            if np.abs(position - site.position).max() >= _FINEST:
+                name = f"{site.name.removesuffix(', moved')}, moved"
+                tried.append((replace(site, name=name, position=read_only(position)), place.at))
     cone = None if entry.aims is None else entry.aims.cone
     if cone is not None and place.at is not None and share * cone.step >= np.radians(1):
         axis, forward = np.array(cone.axis) / np.linalg.norm(cone.axis), place.X_FC[:3, 2]
-        far = float(np.linalg.norm(place.at - spot.position))
+        far = float(np.linalg.norm(place.at - site.position))
         for side, sign in product((place.X_FC[:3, 0], place.X_FC[:3, 1]), (-1.0, 1.0)):
             turned = np.cos(share * cone.step) * forward + sign * np.sin(share * cone.step) * side
             if turned @ axis >= np.cos(cone.angle) - 1e-9:
-                tried.append((spot, np.round(spot.position + far * turned, 6)))
+                tried.append((site, np.round(site.position + far * turned, 6)))
     for there, point in tried:  # turned to the point, or in the same direction where there is none
         eye, X_FC = there.position, place.X_FC.copy()
         X_FC[:3, 3] = eye
         X_FC = X_FC if point is None else looking_at(eye[None], point[None], place.up)[0]
-        yield replace(place, spot=there, X_FC=read_only(X_FC), at=point)
+        yield replace(place, site=there, X_FC=read_only(X_FC), at=point)

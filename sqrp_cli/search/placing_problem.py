@@ -15,7 +15,8 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.records import dataclass
-from sqrp_cli.search.goal import FewestPossible, Goal, Objective
+from sqrp_cli.search.goal import Goal, Objective
+from sqrp_cli.search.placing_result import FewestPossible
 from sqrp_cli.search.sites import JudgedWay
 from sqrp_cli.study.fault_sights import is_lost_by_fingers, watched_faults
 
@@ -141,7 +142,7 @@ class Problem:
     """The different responses of options, a frame period and the latency each, fastest first [s]."""
     candidates: tuple[tuple[int, ...], ...]  # the ways of each candidate, one of which is taken
     weights: Array  # how much each candidate counts in the mean, shape (candidates,)
-    site: Indices  # where each option is; there is room for one, shape (options,)
+    site_of: Indices  # where each option is; there is room for one, shape (options,)
     price: Array  # shape (options,)
     alone: Array  # the mean quality that each option alone may have, in 0..1, shape (options,)
     kept: frozenset[int] = frozenset()  # options that are there already: always chosen, and not counted
@@ -159,7 +160,7 @@ class Problem:
     @property
     def free(self) -> list[int]:
         """The options on mounts."""
-        return [option for option in range(len(self.site)) if option not in self.kept]
+        return [option for option in range(len(self.site_of)) if option not in self.kept]
 
     @property
     def shut(self) -> frozenset[int]:
@@ -175,7 +176,7 @@ class Problem:
         The delay is 0 without faults.
         """
         together, found = [*selection.options, *sorted(self.kept)], list[tuple[float | None, float | None, float]]()
-        seen = np.array(self.rows.sees, dtype=bool).reshape(-1, len(self.site))[:, together].sum(axis=1)
+        seen = np.array(self.rows.sees, dtype=bool).reshape(-1, len(self.site_of))[:, together].sum(axis=1)
         covered: Mask = seen >= np.array(self.rows.needed)
         for way in (self.ways[number] for number in selection.ways):
             known = [times for rows, times in way.groups.items() if all(covered[row] for row in rows)]
@@ -262,17 +263,17 @@ def obstacle(problem: Problem, requirements: Requirements, *, blind: bool) -> st
         fails = ", if one of them fails" if requirements.failure_tolerance else ""
         return f"all qualities of all candidates would stay 0.0 %{fails}"
     free = np.array(problem.free, dtype=np.int64)
-    places = len(np.unique(problem.site[free]))
+    places = len(np.unique(problem.site_of[free]))
     if not len(free):
         return "at none of the mounts is there a direction for a camera to look in"
-    usable: Indices = free[~np.isin(problem.site[free], sorted(problem.shut))]
+    usable: Indices = free[~np.isin(problem.site_of[free], sorted(problem.shut))]
     if not len(usable):
         mounts = "the only mount is" if places == 1 else f"all {places} mounts are"
         stays = set(problem.beside.values()) if problem.shut <= set(problem.beside) else set()
         touched = f"`{stays.pop()}`, which stays" if len(stays) == 1 else "something"
         return f"{mounts} in the way: a camera there would touch {touched}"
     needed = max(requirements.at_least(len(problem.kept)), 1)
-    sites = problem.site[usable]
+    sites = problem.site_of[usable]
     prices = np.sort([problem.price[usable][sites == site].min() for site in np.unique(sites)])
     for count, total in enumerate(np.cumsum(prices[:needed]).tolist(), 1):
         if requirements.budget is not None and total > requirements.budget + 1e-9:

@@ -372,7 +372,7 @@ class PlacementProgram:
         problem, requirements, program = self._problem, self._requirements, self._program
         at: dict[int, dict[int, float]] = {}
         for option, x in self._x.items():
-            at.setdefault(int(problem.site[option]), {})[x] = 1.0
+            at.setdefault(int(problem.site_of[option]), {})[x] = 1.0
         for terms in (terms for terms in at.values() if len(terms) > 1):
             program.row(terms, most=1.0)
         for first, second in sorted(problem.apart):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from sqrp_cli.document import LEFT_OUT, Pose, Record, WorkspaceDocument, live
 from sqrp_cli.figures import AdvisedFigures
 from sqrp_cli.records import dataclass
-from sqrp_cli.search.goal import FewestPossible, Goal, Objective
+from sqrp_cli.search.goal import Goal, Objective
 
 if TYPE_CHECKING:
     from sqrp_cli.camera.camera import Camera
@@ -23,6 +23,16 @@ else:  # no file has them
 ROUNDED = 5e-4  # qualities that differ by less are the same: outputs and rankings round them to 0.1 points
 
 _COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FewestPossible:
+    """How many cameras there have to be, whatever they see."""
+
+    cameras: int
+    """On mounts, besides those that stay."""
+    reason: str
+    """Such as `inspect` needs two at once."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,13 +69,13 @@ class CameraPlaced(Record):
         at, camera = place.at, place.camera(name)
         return cls(
             name=name,
-            mount=place.spot.name,
+            mount=place.site.name,
             lens=place.lens_name,
             pose=camera.X_FC.tolist(),
             frame=camera.frame,
             look_at=None if at is None else (float(at[0]), float(at[1]), float(at[2])),
             moved=0.0,
-            price=place.spot.entry.price + place.lens.price,
+            price=place.site.entry.price + place.lens.price,
             alone=alone,
             loss=loss,
             place=place,

@@ -169,15 +169,12 @@ class Question:
         """The way that changes of objects and cameras start from: the best, unless that meets the goal by itself."""
         return self.fastest if self.fixed or self.goal.met(self.best) else self.best.way
 
-    def met_for_sure(self, change: ProposedChange | None, found: WholeAnalysis) -> bool:
-        """Whether a way meets the goal, with the samples of `explain`, too: where the verdict of any camera changes.
-
-        change: of the cell in which it is analysed, if any.
-        """
-        if not self.goal.met(found.result):
+    def met_for_sure(self, tried: Tried) -> bool:
+        """Whether a change meets the goal, with the samples of `explain`, too: where any camera's verdict changes."""
+        if not self.goal.met(tried.analysis.result):
             return False
-        cell = self.cell if change is None else change.in_cell(self.cell)
-        return self.goal.met(analysed_again(cell, found, self.sampling, full=True).result)
+        cell = tried.change.in_cell(self.cell)
+        return self.goal.met(analysed_again(cell, tried.analysis, self.sampling, full=True).result)
 
 
 @dataclass(frozen=True, eq=False)

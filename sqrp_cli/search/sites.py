@@ -12,7 +12,7 @@ from itertools import groupby
 import numpy as np
 
 from sqrp_cli.camera.camera import Camera
-from sqrp_cli.cell.mounts import SAME, AimsEntry, LensEntry, Spot
+from sqrp_cli.cell.mounts import SAME, AimsEntry, LensEntry, Site
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.geometry import Array, Indices, Mask, box_corners, inverse, pose, read_only, transform
@@ -99,7 +99,7 @@ def middle_of(ways: Sequence[JudgedWay]) -> Array:
 class Installation:
     """A camera somewhere on its mount: one that may be chosen."""
 
-    spot: Spot
+    site: Site
     X_FC: Array  # pose of the optical frame in the frame that carries it, shape (4, 4)
     at: Array | None  # the point that it looks at, in that frame, if its aim says one, shape (3,)
     up: Array  # what is up in the image then, shape (3,)
@@ -109,19 +109,19 @@ class Installation:
     def camera(self, name: str) -> Camera:
         """The camera there."""
         return from_fields(
-            Camera, self.lens, self.lens.image.intrinsics(), name=name, frame=self.spot.frame, X_FC=self.X_FC
+            Camera, self.lens, self.lens.image.intrinsics(), name=name, frame=self.site.frame, X_FC=self.X_FC
         )
 
 
-def installations_at(spot: Spot, middle: Array, middles: Sequence[Array]) -> Iterator[Installation]:
+def installations_at(site: Site, middle: Array, middles: Sequence[Array]) -> Iterator[Installation]:
     """Every pose at a place with every lens that fits its mount.
 
     middle: of all that has to be seen, (3,); middles: of what each candidate shows.
     """
-    aims, eye = spot.entry.aims or AimsEntry(targets="middle"), spot.position
+    aims, eye = site.entry.aims or AimsEntry(targets="middle"), site.position
     up, known, poses = np.array(aims.up, dtype=float), list[Array](), list[tuple[Array, Array | None]]()
     points = [np.array(point, dtype=float) for point in aims.at]
-    if aims.targets is not None and spot.frame == WORLD:
+    if aims.targets is not None and site.frame == WORLD:
         points += [middle, *(middles if aims.targets == "each" else ())]
     if aims.cone is not None:
         points += list(np.round(eye + aims.cone.directions(), 6))
@@ -132,7 +132,7 @@ def installations_at(spot: Spot, middle: Array, middles: Sequence[Array]) -> Ite
     poses += [(pose(one.matrix()[:3, :3], eye), None) for one in aims.fixed]
     for X_FC, at in poses:
         X_FC = read_only(X_FC)
-        yield from (Installation(spot, X_FC, at, up, name, lens) for name, lens in spot.lenses.items())
+        yield from (Installation(site, X_FC, at, up, name, lens) for name, lens in site.lenses.items())
 
 
 ViewBatch = tuple[JudgedWay, Sequence[Installation]]
@@ -154,8 +154,8 @@ def verdicts_of(cell: Cell, way: JudgedWay, places: Sequence[Installation]) -> M
     Those with one pose are looked at together, as what hides a box does not depend on the lens.
     """
     sees = np.zeros((len(places), len(way.needed)), dtype=bool)
-    for frame in dict.fromkeys(one.spot.frame for one in places) if sees.size else ():
-        rows = [row for row, one in enumerate(places) if one.spot.frame == frame]
+    for frame in dict.fromkeys(one.site.frame for one in places) if sees.size else ():
+        rows = [row for row, one in enumerate(places) if one.site.frame == frame]
         poses = {id(places[row].X_FC): places[row].X_FC for row in rows}
         lenses = {id(places[row].lens): places[row] for row in rows}
         cameras = [one.camera(one.lens_name) for one in lenses.values()]
@@ -167,16 +167,16 @@ def verdicts_of(cell: Cell, way: JudgedWay, places: Sequence[Installation]) -> M
     return sees
 
 
-def blocked(cell: Cell, states: SceneStates, spots: Sequence[Spot]) -> Mask:
-    """Whether the body of a camera at each place touches anything in any state, shape (spots,).
+def blocked(cell: Cell, states: SceneStates, sites: Sequence[Site]) -> Mask:
+    """Whether the body of a camera at each place touches anything in any state, shape (sites,).
 
     What is fixed to the same link as a place is not looked at.
     """
-    found = np.zeros(len(spots), dtype=bool)
-    order = sorted(range(len(spots)), key=lambda index: (spots[index].frame, spots[index].entry.body))
-    for (frame, body), group in groupby(order, key=lambda index: (spots[index].frame, spots[index].entry.body)):
+    found = np.zeros(len(sites), dtype=bool)
+    order = sorted(range(len(sites)), key=lambda index: (sites[index].frame, sites[index].entry.body))
+    for (frame, body), group in groupby(order, key=lambda index: (sites[index].frame, sites[index].entry.body)):
         rows = np.array(list(group))
-        places = np.stack([spots[row].position for row in rows])
+        places = np.stack([sites[row].position for row in rows])
         X_FW = inverse(states.X_WF[frame])
         for solid in cell.observer.solids:
             X_FP = X_FW @ states.X_WF[solid.part.parent]
@@ -190,26 +190,26 @@ def blocked(cell: Cell, states: SceneStates, spots: Sequence[Spot]) -> Mask:
     return found
 
 
-def touching_pairs(spots: Sequence[Spot]) -> Iterator[tuple[int, int]]:
+def touching_pairs(sites: Sequence[Site]) -> Iterator[tuple[int, int]]:
     """The pairs of places in one frame at which the bodies of two cameras would touch each other."""
-    places, radii = np.stack([spot.position for spot in spots]), np.array([0.5 * spot.entry.body for spot in spots])
-    frames = np.unique([spot.frame for spot in spots], return_inverse=True)[1]
-    for first in range(len(spots) - 1):
+    places, radii = np.stack([site.position for site in sites]), np.array([0.5 * site.entry.body for site in sites])
+    frames = np.unique([site.frame for site in sites], return_inverse=True)[1]
+    for first in range(len(sites) - 1):
         gap = np.linalg.norm(places[first + 1 :] - places[first], axis=1) - radii[first + 1 :] - radii[first]
         for other in np.flatnonzero((gap < -1e-9) & (frames[first + 1 :] == frames[first])).tolist():
             yield first, first + 1 + other
 
 
-def hidden_by(way: JudgedWay, spot: Spot, other: Spot) -> Mask:
+def hidden_by(way: JudgedWay, site: Site, other: Site) -> Mask:
     """Which items of a way a camera at one place may hide from a camera at another place, shape (items,).
 
     Its body is a ball, and so counts what encloses each box: more than is hidden, never less.
     """
-    radius = 0.5 * spot.entry.body
+    radius = 0.5 * site.entry.body
     sample, target = way.items
     hidden = np.zeros(len(sample), dtype=bool)
     at = []  # both places in the world, in the sample of each item
-    for one, X_WF in ((one, way.states.X_WF[one.frame]) for one in (spot, other)):
+    for one, X_WF in ((one, way.states.X_WF[one.frame]) for one in (site, other)):
         places = X_WF[:, :3, :3] @ one.position + X_WF[:, :3, 3]
         at.append(places[sample if one.frame != WORLD else np.zeros_like(sample)])
     ball, eye = at

@@ -10,7 +10,7 @@ from itertools import permutations
 import numpy as np
 
 from sqrp_cli.camera.camera import Camera, image_of
-from sqrp_cli.cell.mounts import LensEntry, MountEntry, Mounts, Spot
+from sqrp_cli.cell.mounts import LensEntry, MountEntry, Mounts, Site
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.files.entries import from_fields
@@ -69,10 +69,10 @@ class VisibilityTable:
     def __init__(self, question: PlaceQuestion, progress: Progress) -> None:
         """Nothing is planned or seen yet. progress: shows how far it is."""
         self.question, self._progress = question, progress
-        self.spots = list(question.mounts.spots)  # the sites: places on mounts, then those of the cameras that stay
+        self.sites = list(question.mounts.sites)  # places on mounts, then those of the cameras that stay
         self.options, self.kept = list[Installation](), list[int]()
         """Every pose at every site with every lens that fits, and which of these, by index, are cameras that stay."""
-        self.site: Indices = np.zeros(0, dtype=np.int64)  # of each option, by index, shape (options,)
+        self.site_of: Indices = np.zeros(0, dtype=np.int64)  # of each option, by index, shape (options,)
         self.beside: dict[int, str] = {}  # sites where a camera would touch one that stays, with its name
         self.plans, self.ways = Plans(), list[JudgedWay]()  # all ways of the candidates; those to choose from
         self.candidates, self.others = list[tuple[int, ...]](), list[list[PlannedMotion]]()
@@ -112,22 +112,22 @@ class VisibilityTable:
                 aimed_at.append(self.ways[-1] if same else judged_way(cell, task.text, candidate, of_first_grip))
         tasks, stated = [way.task for way in self.ways], question.mounts.weights
         self.weights = np.array([stated.get(task, 1.0) / tasks.count(task) for task in tasks])
-        mounted, middle, middles = len(self.spots), middle_of(aimed_at), [middle_of([way]) for way in aimed_at]
+        mounted, middle, middles = len(self.sites), middle_of(aimed_at), [middle_of([way]) for way in aimed_at]
         if self.ways:
-            self.options = [one for spot in self.spots for one in installations_at(spot, middle, middles)]
+            self.options = [one for site in self.sites for one in installations_at(site, middle, middles)]
         for name in question.keep:
             camera = cell.workspace.cameras[name]
             lens = from_fields(LensEntry, camera, image=image_of(camera), price=0.0)
             position = camera.X_FC[:3, 3]
             entry = MountEntry(points=[tuple(position.tolist())])
-            spot = Spot(mount=name, name=name, frame=camera.frame, position=position, entry=entry, lenses={name: lens})
+            site = Site(mount=name, name=name, frame=camera.frame, position=position, entry=entry, lenses={name: lens})
             self.kept.append(len(self.options))
-            self.spots.append(spot)
-            self.options.append(Installation(spot, camera.X_FC, None, np.array([0.0, 0.0, 1.0]), name, lens))
-        number = {id(spot): index for index, spot in enumerate(self.spots)}
-        self.site = np.array([number[id(option.spot)] for option in self.options], dtype=np.int64)
+            self.sites.append(site)
+            self.options.append(Installation(site, camera.X_FC, None, np.array([0.0, 0.0, 1.0]), name, lens))
+        number = {id(site): index for index, site in enumerate(self.sites)}
+        self.site_of = np.array([number[id(option.site)] for option in self.options], dtype=np.int64)
         self.beside = {
-            one: self.spots[other].name for one, other in touching_pairs(self.spots) if one < mounted <= other
+            one: self.sites[other].name for one, other in touching_pairs(self.sites) if one < mounted <= other
         }
 
     def judge(self, *, all_ways: bool = False) -> None:
@@ -144,7 +144,7 @@ class VisibilityTable:
         self.sees += self._verdicts(ways)
         goal = self.question.requirements.goal
         for way in ways:
-            shut = blocked(self.question.cell, way.swept, self.question.mounts.spots)
+            shut = blocked(self.question.cell, way.swept, self.question.mounts.sites)
             shut[list(self.beside)] = True
             self._shut.append(shut)
             delays = np.zeros(len(self.options))  # 0 if the goal has none
@@ -170,11 +170,11 @@ class VisibilityTable:
             parts = [(seen[:, planned.stage.of_interest(way.samples)[:-1]], planned.T_eoi), (seen, planned.T)]
             known = [part.sum(axis=1) / total for part, total in parts if total > 0]
             quality = np.mean(known, axis=0) if known else np.ones(len(sees))
-            each.append(np.where(np.append(shut, np.zeros(len(self.kept), dtype=bool))[self.site], 0.0, quality))
+            each.append(np.where(np.append(shut, np.zeros(len(self.kept), dtype=bool))[self.site_of], 0.0, quality))
         best = [np.max([each[way] for way in of_one], axis=0) for of_one in self.candidates]
         responses = np.array([option.lens.response for option in self.options])
         tiers, rows = tuple(np.unique(responses).tolist()), Rows()
-        prices = np.array([option.spot.entry.price + option.lens.price for option in self.options])
+        prices = np.array([option.site.entry.price + option.lens.price for option in self.options])
         prices[self.kept] = 0.0
         return Problem(
             ways=tuple(
@@ -185,11 +185,11 @@ class VisibilityTable:
             tiers=tiers,
             candidates=tuple(self.candidates),
             weights=self.weights,
-            site=self.site,
+            site_of=self.site_of,
             price=prices,
             alone=np.mean(best, axis=0) if best else np.zeros(len(self.options)),
             kept=frozenset(self.kept),
-            apart=frozenset(touching_pairs(self.question.mounts.spots)),
+            apart=frozenset(touching_pairs(self.question.mounts.sites)),
             blocked=frozenset(
                 (place, way) for way, shut in enumerate(self._shut) for place in np.flatnonzero(shut).tolist()
             ),
@@ -203,7 +203,7 @@ class VisibilityTable:
         """The camera of an option; one that stays has its name."""
         there = self.options[option]
         kept = option in self.kept
-        return self.question.cell.workspace.cameras[there.spot.name] if kept else there.camera(f"at {option}")
+        return self.question.cell.workspace.cameras[there.site.name] if kept else there.camera(f"at {option}")
 
     def cell_with(self, cameras: Iterable[Camera]) -> Cell:
         """The cell with these cameras and no others."""
@@ -241,12 +241,12 @@ class VisibilityTable:
         found = set[Hiding]()
         for number in selection.ways:
             for option, other in permutations((*selection.options, *self.kept), 2):
-                place, at = int(self.site[option]), int(self.site[other])
+                place, at = int(self.site_of[option]), int(self.site_of[other])
                 if {option, other} <= set(self.kept):
                     continue
-                hidden = hidden_by(self.ways[number], self.spots[place], self.spots[at])
+                hidden = hidden_by(self.ways[number], self.sites[place], self.sites[at])
                 if (hidden & self.sees[number][other]).any():
-                    there = np.flatnonzero(self.site == at)
+                    there = np.flatnonzero(self.site_of == at)
                     seeing = there[(self.sees[number][there] & hidden).any(axis=1)]
                     found.add((place, tuple(seeing.tolist()), number))
         self._hiding |= found
@@ -257,7 +257,7 @@ class VisibilityTable:
 
         shut: sites that cannot be used.
         """
-        usable = ~np.isin(self.site, sorted(shut))
+        usable = ~np.isin(self.site_of, sorted(shut))
         for of_one in self.candidates:
             way, sees = self.ways[of_one[0]], self.sees[of_one[0]][usable]
             needed = way.needed + failure_tolerance
@@ -271,7 +271,7 @@ class VisibilityTable:
                         candidate=way.candidate.name,
                         literal=str(way.planned.targets[target].atom),
                         time=float(way.samples.t[sample]),
-                        seen_by=len(set(self.site[usable][sees[:, item]].tolist())),
+                        seen_by=len(set(self.site_of[usable][sees[:, item]].tolist())),
                         needed=int(needed[item]),
                     )
 

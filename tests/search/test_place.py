@@ -17,7 +17,7 @@ from sqrp_cli import open_cell
 from sqrp_cli.ask.values import silent
 from sqrp_cli.camera.camera import ImageEntry
 from sqrp_cli.camera.light import Light
-from sqrp_cli.cell.mounts import LensEntry, Spot, read_mounts
+from sqrp_cli.cell.mounts import LensEntry, Site, read_mounts
 from sqrp_cli.geometry import inverse, look_at
 from sqrp_cli.search import place
 from sqrp_cli.search.goal import Goal
@@ -103,7 +103,7 @@ def pair(cell, tmp_path_factory) -> tuple[CameraPlacer, PlaceDocument, BruteForc
 
 def test_two_of_forty_mounts_and_one_less_are_as_good_as_the_best_of_all(pair):
     asked, found, brute = pair
-    assert (len(asked.table.spots), found.proven, found.gap) == (40, True, 0.0)
+    assert (len(asked.table.sites), found.proven, found.gap) == (40, True, 0.0)
     best = brute.least(2)
     assert 0.0 < best < 1.0, "else every pair would be as good, or none would help"
     assert (found.objective, found.bound) == pytest.approx((best, best), abs=1e-3)
@@ -113,8 +113,8 @@ def test_two_of_forty_mounts_and_one_less_are_as_good_as_the_best_of_all(pair):
 def test_the_objective_is_the_exact_figure_of_the_chosen_cameras_at_their_mounts(pair):
     asked, found, _ = pair
     cameras = [option.camera(f"c{n}") for n, option in enumerate(asked.table.options)]
-    names = [option.spot.name for option in asked.table.options]
-    chosen = [cameras[names.index(placed.place.spot.name.removesuffix(", moved"))] for placed in found.cameras]
+    names = [option.site.name for option in asked.table.options]
+    chosen = [cameras[names.index(placed.place.site.name.removesuffix(", moved"))] for placed in found.cameras]
     (way,) = asked.table.ways
     seen = analysed(asked.table.cell_with(chosen), way.planned, Adaptive(), full=False).result
     assert found.objective == pytest.approx(min(seen.q_eoi, seen.q_avg), abs=1e-12)
@@ -143,8 +143,8 @@ def test_with_a_spare_camera_everything_is_seen_whichever_is_lost(cell, tmp_path
     wide = FORTY.replace("6 deg", "60 deg").replace("step: 50 cm", "step: 1 m").replace("step: 10 cm", "step: 40 cm")
     asked = placer(cell, tmp_path, wide, Requirements(goal=Goal(q_eoi=1.0), failure_tolerance=1))
     found, brute = asked.place(), BruteForce(asked)
-    names = [option.spot.name for option in asked.table.options]
-    chosen = [names.index(camera.place.spot.name) for camera in found.cameras]
+    names = [option.site.name for option in asked.table.options]
+    chosen = [names.index(camera.place.site.name) for camera in found.cameras]
     assert (found.met, len(chosen)) == (True, 2)
     for lost in chosen:
         assert brute.qualities([c for c in chosen if c != lost])[0] == pytest.approx(1.0, abs=1e-3)
@@ -203,7 +203,7 @@ def test_nothing_stands_where_the_robot_moves(cell, tmp_path):
         "lenses:", "  swept: {points: [[0.51, -0.06, 0.3]]}\n  table: {points: [[0.5, 0.5, 0.01]]}\nlenses:"
     )
     found = placer(cell, tmp_path, text, Requirements(most=2)).place()
-    shut = [spot.name for spot, gone in zip(found.question.mounts.spots, found.shut, strict=True) if gone]
+    shut = [site.name for site, gone in zip(found.question.mounts.sites, found.shut, strict=True) if gone]
     assert shut == ["swept", "table"]
 
 
@@ -379,9 +379,9 @@ WAY = SimpleNamespace(
 
 def seen_by_lenses(lights: dict[str, Light], lenses: dict[str, LensEntry] = LENSES) -> list[bool]:
     """Whether each lens sees the top of a green cube from above."""
-    spot = Spot(mount="m", name="m", frame="world", position=ABOVE[:3, 3], entry=SimpleNamespace(), lenses=lenses)
+    site = Site(mount="m", name="m", frame="world", position=ABOVE[:3, 3], entry=SimpleNamespace(), lenses=lenses)
     cell = SimpleNamespace(observer=Observer((), (), lights))
-    places = [Installation(spot, ABOVE, None, np.zeros(3), name, lens) for name, lens in lenses.items()]
+    places = [Installation(site, ABOVE, None, np.zeros(3), name, lens) for name, lens in lenses.items()]
     return verdicts_of(cell, WAY, places)[:, 0].tolist()
 
 

@@ -70,7 +70,7 @@ def random_problem(rng: np.random.Generator) -> Problem:
         tiers=(0.1,),
         candidates=((0, 1), (2, 3)),
         weights=np.array([1.0, 2.0]),
-        site=site,
+        site_of=site,
         price=rng.integers(1, 4, size=OPTIONS).astype(float),
         alone=rng.random(OPTIONS).round(4),
         kept=frozenset(rng.integers(OPTIONS, size=rng.integers(2)).tolist()),
@@ -88,7 +88,7 @@ def every_selection(problem: Problem, wanted: Requirements) -> Iterator[Selectio
     most = len(free) if wanted.most is None else wanted.most
     for count in range(wanted.at_least(len(problem.kept)), most + 1):
         for chosen in combinations(free, count):
-            sites = [int(problem.site[option]) for option in chosen]
+            sites = [int(problem.site_of[option]) for option in chosen]
             clash = len(set(sites)) < count or any(pair in problem.apart for pair in permutations(sites, 2))
             dear = wanted.budget is not None and problem.price[list(chosen)].sum() > wanted.budget + 1e-9
             for ways in () if clash or dear else product(*problem.candidates):

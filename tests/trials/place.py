@@ -84,7 +84,7 @@ def _best_pair(asked: CameraPlacer) -> float:
 
 def _allowed(problem: Problem) -> Iterator[tuple[int, int]]:
     """The pairs that may stand together, each camera also with itself."""
-    site = problem.site.tolist()
+    site = problem.site_of.tolist()
     hiding = {(place, option) for place, options, _ in problem.hiding for option in options}
     free = [option for option in problem.free if site[option] not in problem.shut]
     yield from ((option, option) for option in free)

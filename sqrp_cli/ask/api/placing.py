@@ -15,11 +15,11 @@ from sqrp_cli.errors import bad_input, bad_option, expected_names
 from sqrp_cli.files.yaml_edit import patch
 from sqrp_cli.score.kept import Results
 from sqrp_cli.score.looks import cluster_verdicts, kept_verdicts
-from sqrp_cli.search.goal import FewestPossible, Goal, read_goal
+from sqrp_cli.search.goal import Goal, read_goal
 from sqrp_cli.search.place import CameraPlacer
 from sqrp_cli.search.placing_problem import Requirements
 from sqrp_cli.search.placing_program import Watch, solver_library
-from sqrp_cli.search.placing_result import PlaceDocument, count_in_words
+from sqrp_cli.search.placing_result import FewestPossible, PlaceDocument, count_in_words
 from sqrp_cli.search.sites import Verdicts, local_verdicts
 from sqrp_cli.search.visibility_table import PlaceQuestion
 from sqrp_cli.task.candidate import split_steps
@@ -106,7 +106,7 @@ def _requirements(request: PlaceRequest, workspace: Workspace, mounts: Mounts, k
         floor = FewestPossible(cameras=least, reason=reason)
     count = max(least, 1 + request.survive - kept, 0)
     lens = min(one.price for one in mounts.lenses.values())
-    price = sum(sorted(spot.entry.price + lens for spot in mounts.spots)[:count])
+    price = sum(sorted(site.entry.price + lens for site in mounts.sites)[:count])
     if request.budget is not None and price > request.budget + 1e-9:
         cameras = "the cheapest camera costs" if count == 1 else f"the cheapest {count_in_words(count)} cameras cost"
         message = f"{cameras} {price:g}, {request.called('budget')} is {request.budget:g}"

@@ -124,13 +124,13 @@ def write_placement(
     # null where none can be, and the camera that was put there.
     mounts = [
         {
-            "name": spot.name,
-            "frame": spot.frame,
-            "position": list(map(float, spot.position)),
+            "name": site.name,
+            "frame": site.frame,
+            "position": list(map(float, site.position)),
             "seen": None if shut else seen,
-            "camera": taken.get(spot.name),
+            "camera": taken.get(site.name),
         }
-        for spot, seen, shut in zip(question.mounts.spots, document.seen.tolist(), document.shut.tolist(), strict=True)
+        for site, seen, shut in zip(question.mounts.sites, document.seen.tolist(), document.shut.tolist(), strict=True)
     ]
     title = f"Where cameras go: {', '.join(document.tasks)} in {document.workspace}"
     summary = " ".join(filter(None, (said.unmet, document.proof, said.moves)))

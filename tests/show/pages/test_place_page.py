@@ -65,20 +65,20 @@ def test_every_mount_is_as_good_as_a_cell_with_one_camera_there(placed, overview
     found, shown = placed, {mount["name"]: mount for mount in overview["placement"]["mounts"]}
     mounts, (one,) = found.question.mounts, found.candidates
     lens = next(iter(mounts.lenses.values()))
-    assert list(shown) == [spot.name for spot in mounts.spots]
+    assert list(shown) == [site.name for site in mounts.sites]
     assert shown["inside"]["seen"] is None
-    for spot in mounts.spots[:-1]:
+    for site in mounts.sites[:-1]:
         camera = from_fields(
             Camera,
             lens,
             lens.image.intrinsics(),
             name="alone",
             frame="world",
-            X_FC=look_at(spot.position, AIM),
+            X_FC=look_at(site.position, AIM),
         )
         cell = replace(found.cell, observer=Observer((camera,), found.cell.observer.solids))
         exact = analyse(cell, one.found.way, found.question.world, Adaptive(), full=False).result
-        assert shown[spot.name]["seen"] == pytest.approx(np.mean([exact.q_eoi, exact.q_avg]), abs=0.01)
+        assert shown[site.name]["seen"] == pytest.approx(np.mean([exact.q_eoi, exact.q_avg]), abs=0.01)
     seen = {round(mount["seen"], 1) for mount in overview["placement"]["mounts"][:-1]}
     assert len(seen) > 2, "else the comparison would say little"
 
