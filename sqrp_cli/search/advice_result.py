@@ -235,7 +235,7 @@ class AdviceDocument(TaskDocument):
     """What `before` is about."""
 
     @property
-    def held(self) -> str:
+    def whose_figures(self) -> str:
         """Whose figures they are, where that matters: changes of the cell may let other ways be better."""
         if self.ways == "fastest" or all(one.kind in MOTION for one in self.advice):
             return ""

@@ -26,10 +26,8 @@ _PARALLEL = 1e-9
 class Aim:
     """What a camera looks at, in the frame that carries it, and which way is up in its image."""
 
-    point: Array
-    """In the middle of the image, shape (3,) [m]."""
-    up: Array
-    """Shape (3,)."""
+    point: Array  # in the middle of the image, shape (3,) [m]
+    up: Array  # shape (3,)
 
     @classmethod
     def along(cls, camera: Camera, near: Array) -> Aim:

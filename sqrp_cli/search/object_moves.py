@@ -30,8 +30,7 @@ class ObjectMove:
     """Moves of one object, see `least.Move`: its vectors are looked at exactly, so nothing has to be learned."""
 
     question: Question
-    name: str
-    """Of the object; the way of the question starts from where it then is."""
+    name: str  # of the object; the way of the question starts from where it then is
     bounds: Bounds = BOUNDS
     _known: dict[tuple[float, ...], bool] = field(default_factory=dict)
     """Which changes meet the goal, by their values, as far as they were looked at."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from itertools import count, permutations, product
 from operator import attrgetter
 from time import monotonic
@@ -32,10 +32,8 @@ from sqrp_cli.search.placing_result import (
     Alternative,
     CameraPlaced,
     Compared,
-    InfeasibleCandidate,
     PlacedCandidate,
     PlaceDocument,
-    UnseenTarget,
     proof_in_words,
 )
 from sqrp_cli.search.sites import Installation, blocked, hidden_by, judged_way, touching_pairs, verdicts_of
@@ -99,7 +97,8 @@ class CameraPlacer:
         table.plan()
         if not table.ways:
             why = "no candidate can be done" + (" in that time" if table.too_slow else "")
-            return self._document(None, met=False, reason=why)
+            nothing = SolveResult(problem=table.problem(0), requirements=requirements)
+            return self._document(nothing, table.cell_with(()), reason=why)
         table.judge()
         self._until, goal = monotonic() + self._seconds, requirements.goal
         if goal is not None and goal.delay is not None and any(way.planned.faults for way in table.ways):
@@ -145,21 +144,25 @@ class CameraPlacer:
         self,
         requirements: Requirements,
         *,
-        most: int = MOST_SOLVED,
-        first_only: bool = False,
         known: Selection | None = None,
+        aside: bool = False,
+        first_only: bool = False,
     ) -> SolveResult:
         """The best selection: chosen by what it may be worth, and checked exactly, until it is worth that.
 
         So nothing better exists: what others may be worth is no more. Where the exact figures are less, samples are
         added at which the chosen cameras lose sight, and it is chosen again. first_only: only the first objectives.
+        aside: whether it is only said what others would do.
         """
         goal, table, best, bound, value = requirements.goal, self.table, None, 1.0, 0.0
+        most_solved = MOST_SOLVED_ASIDE if aside else MOST_SOLVED
         for number in count(1):
             problem = table.problem(requirements.failure_tolerance)
             start = known if best is None else best.selection
             program = PlacementProgram(problem, requirements, self._watch, start, until=self._until, gap=self._gap)
-            selection, grown, settled = program.solve_first(), False, False
+            result = partial(SolveResult, problem=problem, requirements=requirements)
+            # By the first objectives alone; if the exact figures confirm them, by all. Else the table learns why.
+            selection, learned, confirmed = program.solve_first(), False, False
             for further in (False,) if first_only else (False, True):
                 if further and selection is not None:
                     selection = program.solve_further(selection)
@@ -168,36 +171,29 @@ class CameraPlacer:
                 if selection is None:
                     if best is not None:
                         return replace(best, problem=problem, bound=max(bound, best.value), proven=False)
-                    return SolveResult(problem=problem, requirements=requirements, bound=bound, proven=program.proven)
+                    return result(bound=bound, proven=program.proven)
                 if program.complete and not (further or first_only):  # the other objectives take no time then
                     continue
-                grown, settled = table.add_hiding(selection), False
-                if grown:
+                learned, confirmed = table.add_hiding(selection), False
+                if learned:
                     break
                 value, watched, late = self._exact(requirements, selection)
                 table.late |= late
                 seen = goal is None or all(replace(goal, delay=None).met(one.without_delays) for one in watched)
                 good = seen and not late
-                settled = good and problem.worth(requirements, selection)[0] - value <= ROUNDED
-                if settled or (good and (best is None or value > best.value)):
-                    best = SolveResult(
-                        problem=problem,
-                        requirements=requirements,
-                        selection=selection,
-                        watched=watched,
-                        value=value,
-                        fewest=program.fewest,
-                    )
-                if not settled:
+                confirmed = good and problem.worth(requirements, selection)[0] - value <= ROUNDED
+                if confirmed or (good and (best is None or value > best.value)):
+                    best = result(selection=selection, watched=watched, value=value, fewest=program.fewest)
+                if not confirmed:
                     added = [table.add_samples(*one) for one in zip(selection.ways, watched, strict=True)]
-                    grown = bool(late) or any(added)
+                    learned = bool(late) or any(added)
                     break
-            over = self._stopped or monotonic() >= self._until or number == most or not grown
+            over = self._stopped or monotonic() >= self._until or number == most_solved or not learned
             enough = best is not None and goal is None and 0.0 < self._gap >= bound - best.value
-            if settled or enough or over:
+            if confirmed or enough or over:
                 if best is None:
-                    return SolveResult(problem=problem, requirements=requirements, bound=bound)
-                proven = settled and program.proven and bound - value <= ROUNDED
+                    return result(bound=bound)
+                proven = confirmed and program.proven and bound - value <= ROUNDED
                 return replace(best, problem=problem, bound=max(bound, best.value), proven=proven)
         raise AssertionError
 
@@ -224,29 +220,13 @@ class CameraPlacer:
             self._stopped = True
             return otherwise
 
-    def _solution(
-        self,
-        result: SolveResult,
-        *,
-        blind: bool = False,
-        met: bool = True,
-        proven: bool = True,
-        unseen: tuple[UnseenTarget, ...] = (),
-    ) -> PlaceDocument:
-        """The chosen cameras with all that is said of them. blind: whether none would see anything that counts.
+    def _solution(self, result: SolveResult, *, blind: bool = False, **decided: Any) -> PlaceDocument:  # noqa: ANN401
+        """The chosen cameras with all that is said of them.
 
-        met, proven: whether what was decided before is as required, and proven. unseen: see `PlaceDocument`.
+        blind: whether none would see anything that counts. decided: what was decided before, see `_document`.
         """
         table, problem, selection = self.table, result.problem, result.selection
         requirements, stay = self.question.requirements, [table.camera_at(option) for option in table.kept]
-        fields: dict[str, Any] = {
-            "proven": result.proven and proven,
-            "objective": result.value,
-            "bound": result.bound,
-            "fewest": result.fewest if result.requirements.goal is not None else None,
-            "met": met and selection is not None and not table.too_slow,
-            "unseen": unseen,
-        }
         if selection is None:
             firsts = [of_one[0] for of_one in table.candidates]
             cell = table.cell_with(stay)
@@ -256,7 +236,7 @@ class CameraPlacer:
                 about = {"task": way.task, "candidate": way.candidate.name, "found": one.result}
                 blank.append(from_fields(PlacedCandidate, about["found"], **about, ranked=None))
             why = obstacle(problem, requirements, blind=blind) if result.proven or blind else ""
-            return self._document(problem, **fields, reason=why, candidates=blank, cell=cell)
+            return self._document(result, cell, reason=why, candidates=blank, **decided)
         cameras = self._cameras(result, selection)
         everyone, spare = [*(placed.camera for placed in cameras), *stay], requirements.failure_tolerance
         watched = table.watched(everyone, selection.ways) if spare else result.watched
@@ -266,45 +246,42 @@ class CameraPlacer:
                 lambda: self._refined(result, selection, cameras, stay, analyses), (cameras, analyses)
             )
         cell = table.cell_with([*stay, *(placed.camera for placed in cameras)])
-        fields |= {
-            "cameras": cameras,
-            "candidates": self._placed_candidates(cell, problem, selection, analyses),
-            "cell": cell,
-        }
+        candidates = self._placed_candidates(cell, problem, selection, analyses)
         fewer = len(selection.options) - 1
         if fewer >= max(1, requirements.at_least(len(table.kept))):
-            aside = replace(result.requirements, goal=None, most=fewer)
-            less = self._unless_stopped(lambda: self._search(aside, most=MOST_SOLVED_ASIDE, first_only=True), None)
+            one_less = replace(result.requirements, goal=None, most=fewer)
+            less = self._unless_stopped(lambda: self._search(one_less, aside=True, first_only=True), None)
             if less is not None and not self._stopped:
                 bound = max(less.value, less.bound)
-                fields["fewer"] = Alternative(cameras=fewer, objective=less.value, bound=bound)
+                decided["fewer"] = Alternative(cameras=fewer, objective=less.value, bound=bound)
         if spare:
             none_fails = replace(requirements, failure_tolerance=0)
-            cheaper = self._unless_stopped(lambda: self._search(none_fails, most=MOST_SOLVED_ASIDE), None)
+            cheaper = self._unless_stopped(lambda: self._search(none_fails, aside=True), None)
             if cheaper is not None and cheaper.selection is not None:
                 options = cheaper.selection.options
                 price = float(cheaper.problem.price[list(options)].sum())
-                fields["without_spare"] = Alternative(cameras=len(options), price=price, objective=cheaper.value)
-        return self._document(problem, **fields)
+                decided["without_spare"] = Alternative(cameras=len(options), price=price, objective=cheaper.value)
+        return self._document(result, cell, cameras=cameras, candidates=candidates, **decided)
 
     def _document(
         self,
-        problem: Problem | None,
+        result: SolveResult,
+        cell: Cell,
         *,
+        met: bool = True,
+        proven: bool = True,
         cameras: Sequence[CameraPlaced] = (),
         candidates: Sequence[PlacedCandidate] = (),
-        cell: Cell | None = None,
         **fields: Any,  # noqa: ANN401 - of the fields of a document
     ) -> PlaceDocument:
-        """What is found. problem: the last one; None where no candidate can be done. cell: with the cameras."""
+        """What is found, in the cell with its cameras. met, proven: whether all that was decided before is so."""
         question, table, requirements = self.question, self.table, self.question.requirements
-        count = len(question.mounts.sites)
+        problem, count = result.problem, len(question.mounts.sites)
         seen, shut = np.zeros(count), np.zeros(count, dtype=bool)
-        if problem is not None:
-            np.maximum.at(seen, problem.site_of[problem.free], problem.alone[problem.free])
-            shut[sorted(problem.shut)] = True
+        np.maximum.at(seen, problem.site_of[problem.free], problem.alone[problem.free])
+        shut[sorted(problem.shut)] = True
         delays = [one.found.latest for one in candidates if one.found.latest is not None]
-        cell = table.cell_with(()) if cell is None else cell
+        gap = result.bound - result.value
         document = PlaceDocument(
             workspace=question.cell.workspace.name,
             tasks=tuple(task.text for task in question.tasks),
@@ -315,17 +292,14 @@ class CameraPlacer:
             survive=requirements.failure_tolerance,
             by=requirements.objective,
             too_slow=table.too_slow,
-            quickest=0.0 if problem is None else min(problem.tiers, default=0.0),
+            quickest=min(problem.tiers, default=0.0),
             delay_worst=None if np.inf in delays else max(delays, default=None),
             unseen_faults=max((one.unseen for one in candidates if one.unseen is not None), default=None),
             price=sum(camera.price for camera in cameras),
             floor=requirements.floor,
             candidates=tuple(candidates),
             ways={f"{one.task}: {one.candidate}": one.found.way.parameters for one in candidates},
-            infeasible=tuple(
-                InfeasibleCandidate(task=task, candidate=one.candidate.name, reason=one.reasons[0])
-                for task, one in table.infeasible
-            ),
+            infeasible=tuple(table.infeasible),
             compared=Compared(
                 mounts=count,
                 in_the_way=int(shut.sum()),
@@ -338,13 +312,16 @@ class CameraPlacer:
             assumed=assumed_latency(cell.observer.cameras),
             question=question,
             cell=cell,
-            impossible=tuple(table.infeasible),
             seen=seen,
             shut=shut,
+            met=met and result.selection is not None and not table.too_slow,
+            proven=proven and result.proven,
+            objective=result.value,
+            bound=result.bound,
+            gap=gap if gap > ROUNDED else 0.0,
+            fewest=result.fewest if table.ways and result.requirements.goal is not None else None,
             **fields,
         )
-        gap = document.bound - document.objective
-        document = replace(document, gap=gap if gap > ROUNDED else 0.0)
         return replace(document, proof=proof_in_words(document))
 
     def _cameras(self, result: SolveResult, selection: Selection) -> tuple[CameraPlaced, ...]:

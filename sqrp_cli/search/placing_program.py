@@ -82,17 +82,9 @@ class LinearProgram:
         """
         library, size = solver_library(), len(self.whole)
         highs = library._core._Highs()  # its wrapper in Python prints a line before it can be told not to
-        options = {
-            "output_flag": False,
-            "threads": 1,
-            "presolve": "choose" if presolve else "off",
-            "random_seed": 0,
-            "mip_rel_gap": 1e-9,
-            "mip_abs_gap": max(gap, 1e-9),
-            "mip_feasibility_tolerance": 1e-7,
-            "time_limit": max(until - monotonic(), 0.0),
-        }
-        for name, value in options.items():
+        options = {"output_flag": False, "threads": 1, "presolve": "choose" if presolve else "off", "random_seed": 0}
+        limits = {"mip_rel_gap": 1e-9, "mip_abs_gap": max(gap, 1e-9), "mip_feasibility_tolerance": 1e-7}
+        for name, value in (options | limits | {"time_limit": max(until - monotonic(), 0.0)}).items():
             highs.setOptionValue(name, value)
         model, cost, kinds = library.HighsLp(), np.zeros(size), library.HighsVarType
         cost[list(objective)] = list(objective.values())

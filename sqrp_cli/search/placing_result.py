@@ -109,6 +109,9 @@ class InfeasibleCandidate(Record):
     reason: str
     """Why not."""
 
+    found: CandidateResult = live()
+    """The candidate with all reasons."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Compared(Record):
@@ -240,8 +243,6 @@ class PlaceDocument(WorkspaceDocument):
     """The `PlaceQuestion`."""
     cell: Cell = live()
     """With the chosen cameras."""
-    impossible: tuple[tuple[str, CandidateResult], ...] = live(())
-    """Candidates that cannot be done, with their tasks."""
     seen: Array = live()
     """The mean quality of all candidates with one camera at each mount, the best one there, in 0..1; (mounts,)."""
     shut: Mask = live()

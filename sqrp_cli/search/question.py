@@ -40,29 +40,19 @@ class ProposedChange:
     """One change of a cell or a motion, as data."""
 
     kind: Kind
-    target: str
-    """The candidate, object or camera that it is about."""
+    target: str  # the candidate, object or camera that it is about
     values: tuple[float, ...] = ()
     """What changes: metres along x, y, z; angles to the right and up in the image, or of the view [rad]."""
-    size: float = 0.0
-    """How large it is, in `unit`."""
+    size: float = 0.0  # how large it is, in `unit`
     unit: Unit = ""
-    turn: float = 0.0
-    """Angle between the optical axes before and after it [rad], of a camera that is moved or turned."""
-    lens_of: str = ""
-    """Of a further camera: the one whose lens and sensing it has."""
-    camera: Camera | None = None
-    """As it then is."""
-    aim: Aim | None = None
-    """What it then looks at."""
-    X_WO: Array | None = None
-    """Where the object then is, shape (4, 4)."""
-    parameters: Mapping[str, MotionValue] | None = None
-    """Of the way."""
-    said: str = ""
-    """The way in a few words, such as `left, flipped`."""
-    unwritten: str = ""
-    """Why no workspace file says it; empty if one can."""
+    turn: float = 0.0  # angle between the optical axes before and after it [rad], of a camera that is moved or turned
+    lens_of: str = ""  # of a further camera: the one whose lens and sensing it has
+    camera: Camera | None = None  # as it then is
+    aim: Aim | None = None  # what it then looks at
+    X_WO: Array | None = None  # where the object then is, shape (4, 4)
+    parameters: Mapping[str, MotionValue] | None = None  # of the way
+    said: str = ""  # the way in a few words, such as `left, flipped`
+    unwritten: str = ""  # why no workspace file says it; empty if one can
 
     def in_cell(self, cell: Cell) -> Cell:
         """The cell with it, as far as cameras are concerned; motions stay the same."""
@@ -103,10 +93,8 @@ class Tried(NamedTuple):
     """A change that was tried."""
 
     change: ProposedChange
-    analysis: WholeAnalysis
-    """Of the way with it."""
-    margin: Margin | None = None
-    """Of a change that meets the goal; None where there is nothing to measure."""
+    analysis: WholeAnalysis  # of the way with it
+    margin: Margin | None = None  # of a change that meets the goal; None where there is nothing to measure
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +102,7 @@ class NoneMeets:
     """That no change of a kind meets the goal."""
 
     why: str
-    near: Sequence[Tried] = ()
-    """What was tried in vain, as far as that is to be compared."""
+    near: Sequence[Tried] = ()  # what was tried in vain, as far as that is to be compared
 
 
 def is_fastest(found: CandidateResult) -> bool:
@@ -137,32 +124,24 @@ def analysed_again(cell: Cell, found: WholeAnalysis, sampling: Sampling, *, full
 class Question:
     """What is to be met, and what may be changed."""
 
-    task: str
-    """As it was asked for."""
+    task: str  # as it was asked for
     cell: Cell
     world: World
     sampling: Sampling
-    fastest: Candidate
-    """The candidate as `--ways fastest` has it."""
-    best: CandidateResult
-    """The candidate by its best way; by the fastest one where the motion is fixed."""
-    results: Sequence[CandidateResult]
-    """Of all candidates of the task, `best` among them."""
+    fastest: Candidate  # the candidate as `--ways fastest` has it
+    best: CandidateResult  # the candidate by its best way; by the fastest one where the motion is fixed
+    results: Sequence[CandidateResult]  # of all candidates of the task, `best` among them
     before: CandidateResult
     """The candidate without any change, as with `--ways fastest`; in its best way if that misses the goal alone."""
     goal: Goal
-    aims: Mapping[str, Aim]
-    """What cameras look at, by name, where the workspace says so."""
+    aims: Mapping[str, Aim]  # what cameras look at, by name, where the workspace says so
     listed: Callable[[], Sequence[TaskWays]]
     """The tasks that a change of the cell may affect, found out only when they are needed."""
-    plans: Plans | None = None
-    """The ways of candidates, as far as they are planned."""
+    plans: Plans | None = None  # the ways of candidates, as far as they are planned
     kinds: Sequence[Kind] | None = None
     """What may be changed; None: cameras and objects only where no other motion meets the goal."""
-    fixed: bool = False
-    """Whether the motion stays as it is."""
-    jobs: int = 1
-    """Processes to use at most; the answers do not depend on it."""
+    fixed: bool = False  # whether the motion stays as it is
+    jobs: int = 1  # processes to use at most; the answers do not depend on it
 
     @property
     def way(self) -> Candidate:

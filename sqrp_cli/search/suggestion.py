@@ -34,12 +34,9 @@ class Suggestion:
     """How planning for a candidate's precondition ended, and the plan if there is one."""
 
     outcome: Literal["satisfied", "plan", "impossible", "gave_up"]
-    explanation: str
-    """One sentence; empty if the precondition holds already."""
-    steps: tuple[PlannedStep, ...] | None = None
-    """The plan."""
-    last: PlannedStep | None = None
-    """The candidate itself, after the plan; if it is feasible, every step is."""
+    explanation: str  # one sentence; empty if the precondition holds already
+    steps: tuple[PlannedStep, ...] | None = None  # the plan
+    last: PlannedStep | None = None  # the candidate itself, after the plan; if it is feasible, every step is
 
     @property
     def words(self) -> str:
@@ -175,12 +172,10 @@ class Feasibility:
 
     candidate: Candidate
     feasible: bool
-    reasons: tuple[str, ...] = ()
-    """Why not, most useful first."""
+    reasons: tuple[str, ...] = ()  # why not, most useful first
     time: float | None = None
     """Duration of its motion, with the first grip that works, in the fastest branch [s]; None if infeasible."""
-    suggestion: Suggestion
-    """How to establish its precondition."""
+    suggestion: Suggestion  # how to establish its precondition
     remarks: tuple[str, ...] = ()
     """Detours and speeds that are not reached, such as `a1 goes around wall` and `a4 reaches 3.4 of 5 cm/s`."""
     outside: tuple[tuple[int, int], ...] = ()

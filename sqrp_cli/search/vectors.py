@@ -21,20 +21,13 @@ COARSE = {2: 12, 3: 4}
 class Bounds(NamedTuple):
     """How far and how finely changes of a kind are searched."""
 
-    dimension: int
-    """Of the vectors."""
-    step: float
-    """Of the fine grid; a length is found to a tenth of it. In the unit of the vectors."""
-    reaches: tuple[float, ...]
-    """How far it is searched, one after the other, until something is found."""
-    fine: bool
-    """Whether a fine grid below the least that was found is looked through."""
-    rounds: int = 0
-    """Of looks in other directions than that of what is found."""
-    directions: int = 0
-    """That each of them tries."""
-    shares: tuple[float, ...] = ()
-    """Of the length so far, that it tries in each direction."""
+    dimension: int  # of the vectors
+    step: float  # of the fine grid, in the unit of the vectors; lengths are found to a tenth of it
+    reaches: tuple[float, ...]  # lengths up to which it is searched, one after the other, until something is found
+    fine: bool  # whether a fine grid below the least change that was found is searched, too
+    rounds: int = 0  # how often directions around that of the change that was found are tried
+    directions: int = 0  # how many of them each time
+    shares: tuple[float, ...] = ()  # of the length so far, at which each direction is tried
     margins: tuple[float, ...] = ()
     """By how much longer changes are looked at for the margin; none: all lengths up to `MOST_MORE` beyond."""
 

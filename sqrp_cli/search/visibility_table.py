@@ -19,7 +19,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.processes import Progress
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.placing_problem import Hiding, Late, Problem, Requirements, Rows, Selection, covered_way
-from sqrp_cli.search.placing_result import UnseenTarget
+from sqrp_cli.search.placing_result import InfeasibleCandidate, UnseenTarget
 from sqrp_cli.search.sites import (
     Installation,
     JudgedWay,
@@ -78,7 +78,7 @@ class VisibilityTable:
         self.candidates, self.others = list[tuple[int, ...]](), list[list[PlannedMotion]]()
         """Of each candidate: which of the ways are its own, and ways that are looked at only if they may be better."""
         self.weights: Array = np.zeros(0)  # how much each candidate counts in the mean, shape (candidates,)
-        self.infeasible = list[tuple[str, CandidateResult]]()
+        self.infeasible = list[InfeasibleCandidate]()
         self.too_slow = False  # whether no camera helps, because a candidate takes longer than the goal allows
         self.sees, self._shut, self._least_delays = list[Mask](), list[Mask](), list[Array]()
         """Of each way: which options see which items, shape (options, items); at which sites a camera would touch
@@ -102,7 +102,9 @@ class VisibilityTable:
                     _, motions = TimeLimit(goal.time).within(motions)
                     self.too_slow |= isinstance(motions, Infeasible)
                 if isinstance(motions, Infeasible):
-                    self.infeasible.append((task.text, CandidateResult.infeasible(candidate, motions.reasons)))
+                    none, why = CandidateResult.infeasible(candidate, motions.reasons), motions.reasons[0]
+                    named = InfeasibleCandidate(task=task.text, candidate=candidate.name, reason=why, found=none)
+                    self.infeasible.append(named)
                     continue
                 (first, *others), of_first_grip = varied(motions)
                 self.candidates.append((len(self.ways),))

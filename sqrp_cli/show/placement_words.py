@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from sqrp_cli.figures import named_figures
 from sqrp_cli.search.placing_result import PlaceDocument, count_in_words
 
 
@@ -48,11 +49,11 @@ def placement_in_words(found: PlaceDocument) -> PlacementWords:
     mounts, poses, ways, samples = (f"{count:,} {what}{'' if count == 1 else 's'}" for count, what in counts)
     blocked = f" ({one.in_the_way} in the way)" if one.in_the_way else ""
     moved = ", ".join(f"{one.name} {100 * one.moved:.1f} cm" for one in found.cameras if one.moved)
-    others = []
-    for other in (other for other in found.candidates if other.ranked is not None):
-        pair = (getattr(other.ranked, name) for name in ("q_eoi", "q_avg"))
-        q_eoi, q_avg = ("-" if quality is None else f"{100 * quality:.1f} %" for quality in pair)
-        others.append(f"{other.candidate} (Q_eoi {q_eoi}, Q_avg {q_avg})")
+    others = [
+        f"{other.candidate} ({', '.join(named_figures(other.ranked, 'q_eoi', 'q_avg'))})"
+        for other in found.candidates
+        if other.ranked is not None
+    ]
 
     if found.interrupted and found.proven:
         scope = "Interrupted once that was proven: no camera was moved between places, nor was one less looked at."

@@ -44,7 +44,7 @@ def write_advice(
         met = "that is met already"
     elif not count:
         met = "nothing is enough" + ("" if document.nearest is None else f"; {document.nearest}")
-    summary = f"{document.candidate} is to have {goal}: {met}. {document.held}".strip()
+    summary = f"{document.candidate} is to have {goal}: {met}. {document.whose_figures}".strip()
     title = f"What would help: {document.task} in {document.workspace}"
     write_page(PageContent(title, summary, "Changes", about, entries, scenes), path)
 
@@ -108,9 +108,9 @@ def write_placement(
         return studied(row, one.found, job, goal)
 
     entries = list(computed(shown, document.candidates, jobs, progress))
-    for task, one in document.impossible:
-        figures = described(one)
-        name, labels = named(task, figures.name)
+    for one in document.infeasible:
+        figures = described(one.found)
+        name, labels = named(one.task, figures.name)
         labels |= {} if question.fastest else {"way": ""}
         entries.append(PageRow(name, "" if goal is None else "infeasible", labels, figures, figures.why, None, None))
     about, said = origin(arguments, document.cell.workspace, document.assumed), placement_in_words(document)

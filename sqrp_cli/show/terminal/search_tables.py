@@ -67,8 +67,8 @@ def print_advice(found: AdviceDocument, *, written: bool = False) -> None:
         print_table([*numbers("#"), Column("change", shrink=True), *numbers(*_FIGURES, "up to")], rows)
     for number, cost in ((number, cost) for number, one in enumerate(found.advice, 1) for cost in one.costs):
         say(joined([(f"#{number} costs", "red"), f" {cost}"]), indent=4)
-    if found.held:
-        say(found.held)
+    if found.whose_figures:
+        say(found.whose_figures)
     unmet: dict[str, list[str]] = {}
     for kind in (kind for kind in found.kinds if not kind.found):
         near = "" if kind.nearest is None else f"; {kind.nearest}{kind.nearest.limit and f': {kind.nearest.limit}'}"
