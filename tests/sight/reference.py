@@ -274,8 +274,8 @@ def through_box(eye: Array, rays: Array, X_WB: Array, half: Array, middle: Array
     """The factors of rays at which they enter and leave a box."""
     start = transform(inverse(X_WB), eye[None])[0] - middle
     with np.errstate(divide="ignore", invalid="ignore"):
-        sides = np.stack([(s * half - start) / (rays @ X_WB[:3, :3]) for s in (-1, 1)])
-    return np.nanmax(np.fmin(*sides), axis=1), np.nanmin(np.fmax(*sides), axis=1)
+        low, high = [(s * half - start)[:, None] / (X_WB[:3, :3].T @ rays.T) for s in (-1, 1)]
+    return np.fmax.reduce(np.fmin(low, high)), np.fmin.reduce(np.fmax(low, high))
 
 
 def largest(view: View) -> str | None:
