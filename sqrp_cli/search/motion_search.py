@@ -15,7 +15,7 @@ from sqrp_cli.search.question import NoneMeets, ProposedChange, Question, Tried
 from sqrp_cli.skill.settings import SEEN, Reference
 from sqrp_cli.skill.skill import JointMove
 from sqrp_cli.study.analysis import Analysis, analyse
-from sqrp_cli.study.find import TimeLimit, WantedWay, find_way, studied_ways
+from sqrp_cli.study.find import TimeLimit, WantedWay, analysed_ways, find_way
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.result import WayFigures
 from sqrp_cli.study.whole_analysis import WholeAnalysis, whole_analysis, worst_seen
@@ -38,7 +38,7 @@ def other_way(question: Question) -> Sequence[Tried] | NoneMeets:
     else:
         limit = TimeLimit(inf if goal.time is None else goal.time)
         plans = question.plans
-        found = studied_ways(cell, best.candidate, world, sampling, limit=limit, worth=goal.may_be_met, plans=plans)
+        found = analysed_ways(cell, best.candidate, world, sampling, limit=limit, worth=goal.may_be_met, plans=plans)
         ways = (WholeAnalysis(one.planned.candidate, (one,)) for one in found)
     if best.ways is not None and best.ways.pareto:  # to be compared: some may take too long, or be seen too badly
         named = [best.way, *(with_way(best.candidate, figures) for figures in best.ways.pareto[1:])]

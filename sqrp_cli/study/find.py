@@ -62,7 +62,7 @@ class TimeLimit:
     ) -> tuple[float, Sequence[PlannedMotion] | Infeasible]:
         """The longest time of a way [s], and the ways that keep it, or by how much the fastest one exceeds it.
 
-        motions: all ways of a candidate. whose: what the reason calls the fastest.
+        motions: all ways of a candidate. whose: how the reason names the fastest.
         """
         fastest = min(planned.motion.time for planned in motions)
         longest = self.times * fastest if self.seconds is None else self.seconds
@@ -100,34 +100,18 @@ def find_way(
 
     plans: what is known of motions already, and is added to.
     """
-    if (obstacle := impossible_start(cell, candidate, world)) is not None:
-        return obstacle
-    plans = Plans() if plans is None else plans
-    tried, motions = plans.of(cell, candidate, world, fastest=wanted.fastest)
-    longest = inf
-    if wanted.limit is not None and not isinstance(motions, Infeasible):
-        whose = "its way with `--ways fastest`" if wanted.fastest else "its fastest way"
-        longest, motions = wanted.limit.within(motions, whose)
-    if isinstance(motions, Infeasible):
-        return replace(motions, tried=tried)
     compared = wanted.by in ("q_eoi", "q_avg", "time")  # then only some may be the best or Pareto-optimal
-    watched = plans.observed(cell, motions, sampling, contending=compared)
-    if candidate.open_paths:
-        from sqrp_cli.study.seen_ways import blind_ends, seen_ways
-
-        direct = (
-            replace(one, planned=replace(one.planned, candidate=one.planned.candidate.with_paths({})))
-            for one in watched
-        )
-        interest_first = wanted.by == "q_eoi"
-        watched = [*direct, *seen_ways(cell, motions, sampling, longest=longest, interest_first=interest_first)]
+    orders = (wanted.by == "q_eoi",)
+    found = _observed_ways(cell, candidate, world, sampling, wanted, plans, orders=orders, contending=compared)
+    if isinstance(found, Infeasible):
+        return found
+    ways, seen = found
     if compared:
-        watched = list(compress(watched, contenders([one.without_delays for one in watched], wanted.by)))
-    analyses = with_delays(cell, watched, sampling)
+        seen = list(compress(seen, contenders([one.without_delays for one in seen], wanted.by)))
+    analyses = with_delays(cell, seen, sampling)
     ranked = rank([analysis.result for analysis in analyses], wanted.by)
     best = ranked[0]
     chosen = next(analysis for analysis in analyses if analysis.planned.candidate is best.candidate)
-    ends: tuple[BlindEnd, ...] = blind_ends(chosen, candidate.open_paths) if candidate.open_paths else ()
     optimal: dict[tuple[float, ...], CandidateResult] = {}  # one of those that are equal, as they are compared
     for one in (one for one in ranked if one.pareto or one.rank == 1):
         figures = compared_quality(one.q_eoi), compared_quality(one.q_avg), compared_time(one.time or 0.0)
@@ -142,11 +126,15 @@ def find_way(
         )
         for way in optimal.values()
     )
-    found = WaysFound(tried=tried, feasible=len(motions), pareto=pareto, blind_ends=ends)
-    return BestWay(chosen, best, found)
+    ends: tuple[BlindEnd, ...] = ()
+    if candidate.open_paths:
+        from sqrp_cli.study.seen_ways import blind_ends
+
+        ends = blind_ends(chosen, candidate.open_paths)
+    return BestWay(chosen, best, replace(ways, pareto=pareto, blind_ends=ends))
 
 
-def studied_ways(
+def analysed_ways(
     cell: Cell,
     candidate: Candidate,
     world: World,
@@ -156,30 +144,52 @@ def studied_ways(
     worth: Callable[[Qualities], bool],
     plans: Plans | None = None,
 ) -> Iterator[Analysis]:
-    """Studies of all ways of a candidate within a limit whose qualities are worth one, the fastest first.
+    """All ways of a candidate within a limit whose qualities are worth an analysis, the fastest first.
 
     Nothing if it cannot be done. plans: what is known of motions already.
     """
-    plans = Plans() if plans is None else plans
-    motions = impossible_start(cell, candidate, world) or plans.of(cell, candidate, world, fastest=False)[1]
+    found = _observed_ways(cell, candidate, world, sampling, WantedWay(limit=limit), plans, orders=(True, False))
+    if not isinstance(found, Infeasible):
+        for one in sorted(found[1], key=lambda way: compared_time(way.planned.motion.time)):
+            if worth(qualities_over(one.timeline)):
+                yield from with_delays(cell, [one], sampling)
+
+
+def _observed_ways(
+    cell: Cell,
+    candidate: Candidate,
+    world: World,
+    sampling: Sampling,
+    wanted: WantedWay,
+    plans: Plans | None,
+    *,
+    orders: Sequence[bool],
+    contending: bool = False,
+) -> tuple[WaysFound, list[Observed]] | Infeasible:
+    """How many ways of a candidate there are, and what is seen of those within the limit.
+
+    Where it leaves paths open, the ways with direct ones come first, then those that are found for each of `orders`:
+    whether quality in events of interest counts before all else. contending: see `Plans.observed`.
+    """
+    if (obstacle := impossible_start(cell, candidate, world)) is not None:
+        return obstacle
+    plans = plans or Plans()
+    tried, motions = plans.of(cell, candidate, world, fastest=wanted.fastest)
+    longest = inf
+    if wanted.limit is not None and not isinstance(motions, Infeasible):
+        whose = "its way with `--ways fastest`" if wanted.fastest else "its fastest way"
+        longest, motions = wanted.limit.within(motions, whose)
     if isinstance(motions, Infeasible):
-        return
-    longest, allowed = limit.within(motions)
-    if isinstance(allowed, Infeasible):
-        return
-    watched = plans.observed(cell, allowed, sampling)
+        return replace(motions, tried=tried)
+    seen = plans.observed(cell, motions, sampling, contending=contending)
     if candidate.open_paths:
         from sqrp_cli.study.seen_ways import seen_ways
 
-        watched = [
-            replace(one, planned=replace(one.planned, candidate=one.planned.candidate.with_paths({})))
-            for one in watched
-        ]
-        for interest_first in (True, False):
-            watched += seen_ways(cell, allowed, sampling, longest=longest, interest_first=interest_first)
-    for one in sorted(watched, key=lambda way: compared_time(way.planned.motion.time)):
-        if worth(qualities_over(one.timeline)):
-            yield from with_delays(cell, [one], sampling)
+        direct = (replace(one.planned, candidate=one.planned.candidate.with_paths({})) for one in seen)
+        seen = [replace(one, planned=planned) for one, planned in zip(seen, direct, strict=True)]
+        for first in orders:
+            seen += seen_ways(cell, motions, sampling, longest=longest, interest_first=first)
+    return WaysFound(tried=tried, feasible=len(motions), pareto=()), seen
 
 
 def with_branch(cell: Cell, planned: PlannedMotion) -> Candidate:

@@ -22,8 +22,11 @@ _VIEWS = 4000
 """Views to look at together, to bound the memory."""
 
 
-HiddenViews = Mapping[tuple[int, int, int, int], tuple[HidingPart, ...]]
-"""What hides a box from a camera, the largest share first; by the indices of target, box of it, sample and camera."""
+HiddenViews = Sequence[Sequence[Mapping[tuple[int, int], tuple[HidingPart, ...]]]]
+"""What hides each box of each target, the largest share first, by the indices of sample and camera; where it is hidden.
+
+Targets and boxes are in the order of the matrix of an observation.
+"""
 
 
 def hidden_views(cell: Cell, analysis: Analysis, rows: Indices | None = None) -> HiddenViews:
@@ -32,23 +35,22 @@ def hidden_views(cell: Cell, analysis: Analysis, rows: Indices | None = None) ->
     if rows is not None:
         wanted[:] = False
         wanted[rows] = True
-    observation = analysis.timeline.observation
-    views: list[tuple[int, int, int, int]] = []  # neighbours are of one box and camera
+    observation, targets = analysis.timeline.observation, analysis.planned.targets
+    found: list[list[dict[tuple[int, int], tuple[HidingPart, ...]]]] = [[{} for _ in one.boxes] for one in targets]
+    sought = [box for target in targets for box in target.boxes]
+    views = [np.zeros((3, 0), dtype=np.int64)]  # box, sample and camera of each; neighbours are of one box and camera
     for column, of_target in enumerate(observation.full_matrix):
         asked_for = (observation.required[:, column] & wanted)[:, None]
-        for number, verdicts in enumerate(of_target):
+        for verdicts in of_target:
             camera, row = np.nonzero(((verdicts.cause == Cause.HIDDEN) & asked_for).T)
-            views += [(column, number, *at) for at in zip(row.tolist(), camera.tolist(), strict=True)]
-    boxes = list(dict.fromkeys(view[:2] for view in views))
-    place = {key: number for number, key in enumerate(boxes)}
-    sought = [analysis.planned.targets[column].boxes[box] for column, box in boxes]
-    states = analysis.planned.stage.states(analysis.timeline.samples)
-    found: dict[tuple[int, int, int, int], tuple[HidingPart, ...]] = {}
-    for start in range(0, len(views), _VIEWS):
-        some = views[start : start + _VIEWS]
-        box = np.array([place[view[:2]] for view in some])
-        camera, state = np.array([camera for *_, camera in some]), np.array([row for *_, row, _ in some])
-        found.update(zip(some, cell.observer.occluders(sought, states, box, camera, state), strict=True))
+            views.append(np.stack([np.full(len(row), len(views) - 1), row, camera]))
+    by_box = [of_box for of_target in found for of_box in of_target]
+    states, every = analysis.planned.stage.states(analysis.timeline.samples), np.concatenate(views, axis=1)
+    for start in range(0, every.shape[1], _VIEWS):
+        box, row, camera = every[:, start : start + _VIEWS]
+        hiding = cell.observer.occluders(sought, states, box, camera, row)
+        for number, *at, parts in zip(box, row, camera, hiding, strict=True):
+            by_box[number][int(at[0]), int(at[1])] = parts
     return found
 
 
@@ -62,7 +64,7 @@ def in_the_way(cell: Cell, analysis: Analysis, views: HiddenViews) -> tuple[Hidd
         for index, camera in enumerate(cell.observer.cameras):
             hidden = np.flatnonzero(first.cause[:, index] == Cause.HIDDEN)
             some = [
-                (float(weights[rows[at]]), views[column, int(box_of[at, index]), int(rows[at]), index])
+                (float(weights[rows[at]]), views[column][int(box_of[at, index])][int(rows[at]), index])
                 for at in hidden.tolist()
             ]
             duration = sum(weight for weight, _ in some)
@@ -86,7 +88,13 @@ def to_move(cell: Cell, analysis: Analysis, views: HiddenViews) -> tuple[HidingP
     """
     weights, observation = sample_weights(analysis), analysis.timeline.observation
     lost = observation.required & ~observation.covered
-    some = [(float(weights[row]), parts) for (column, _, row, _), parts in views.items() if lost[row, column]]
+    some = [
+        (float(weights[row]), parts)
+        for of_target, is_lost in zip(views, lost.T, strict=True)
+        for of_box in of_target
+        for (row, _), parts in of_box.items()
+        if is_lost[row]
+    ]
     parts = _mean(some, 1.0)
     total = sum(part.share for part in parts)
     if total <= 0.0:

@@ -144,7 +144,7 @@ def _coverage(
         if found is not None and found.sights is not None:
             values = dict(zip(COEFFICIENTS, map(finite_or_none, found.sights[:, row, camera]), strict=True))
             sight = BoxSight(probability=float(found.probability[row, camera]), **values)
-        parts = None if views is None else views.get((column, number, row, camera))
+        parts = None if views is None else views[column][number].get((row, camera))
         return BoxVerdict(
             covered=cause is Cause.NONE,
             cause=cause.label,

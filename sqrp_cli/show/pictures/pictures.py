@@ -125,7 +125,7 @@ def _picture(
             which = f"box {target.boxes[number].name} is " if len(target.boxes) > 1 else ""
             why = which + Cause(cause).by(by_name(cell, Cause(cause), by))
         captions.append((f"{target.atom}: {why}", COVERED if why == "covered" else HIDDEN))
-        if parts := views.get((column, number, row, index)):
+        if parts := views[column][number].get((row, index)):
             hidden = sum(part.share for part in parts)
             captions.append((f"hidden {100 * hidden:.1f} %: {part_shares_in_words(parts)}", None))
         for box, verdicts in zip(target.boxes, boxes, strict=True):
