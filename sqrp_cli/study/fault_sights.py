@@ -24,7 +24,7 @@ from sqrp_cli.skill.target_box import object_of
 from sqrp_cli.study.drop_detection import held_in, least_delays
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.stage import Stage
-from sqrp_cli.study.timeline import PlannedMotion, Timeline, observe
+from sqrp_cli.study.timeline import ObservationRequest, PlannedMotion, Timeline, observe
 from sqrp_cli.task.pieces import Piece, fault_intervals, fault_literals
 
 
@@ -96,33 +96,49 @@ def all_fault_windows(
 ) -> dict[str, tuple[Window, ...]]:
     """The windows of every fault of a motion, by its name; timeline: of what formulas ask for.
 
-    What fingers lose is looked for once they are closed on nothing.
+    What fingers lose is looked for once they are closed on nothing; other faults in the timeline, if it has all that
+    images are asked for.
     """
-    several = len({(camera.rate, camera.lag) for camera in observer.cameras}) > 1
+    clocks, stage = {(camera.rate, camera.lag) for camera in observer.cameras}, planned.stage
+    full = len(clocks) > 1
     targets, faults = watched_faults(planned)
-    by_fingers = [fault for fault in faults if is_lost_by_fingers(planned.stage, fault)]
+    by_fingers = [fault for fault in faults if is_lost_by_fingers(stage, fault)]
     others = [fault for fault in faults if fault not in by_fingers]
-    found: dict[str, tuple[Window, ...]] = {}
-    for stage, some, closed in ((planned.stage.once_lost(), by_fingers, True), (planned.stage, others, False)):
-        # Does the timeline lack anything that images are asked for?
-        atoms = {literal.atom for fault in some for literal in fault.literals}
-        beyond = any(
-            fault.is_left_alone_in(piece) and not atoms <= {literal.atom for literal in piece.literals}
-            for fault in some
-            for piece in planned.stage.pieces
+    atoms = {literal.atom for fault in others for literal in fault.literals}
+    lacks = targets != planned.targets or (full and not timeline.observation.matrix)
+    lacks = lacks or any(
+        fault.is_left_alone_in(piece) and not atoms <= {literal.atom for literal in piece.literals}
+        for fault in others
+        for piece in stage.pieces
+    )
+    shown: list[tuple[Timeline, list[FaultWatch]]] = []
+    if by_fingers:
+        shown.append(
+            (
+                observe(_asking(planned, stage.once_lost(), targets, by_fingers), observer, sampling, full=full),
+                by_fingers,
+            )
         )
-        seen = timeline
-        if some and (closed or beyond or targets != planned.targets or (several and not timeline.observation.matrix)):
-            pieces = []
-            for piece in stage.pieces:  # with the opposite of a fault's literals, where formulas do not ask for it
-                more = [lit.negated() for fault in some if fault.is_left_alone_in(piece) for lit in fault.literals]
-                asking = replace(piece, literals=tuple(dict.fromkeys([*piece.literals, *more])))
-                pieces += [asking] if any(fault.counts_in(asking) for fault in some) else []
-            request = planned.for_targets(Stage(stage.model, stage.motion, pieces, stage.X_WO, stage.carried), targets)
-            seen = observe(request, observer, sampling, full=several)
-        for fault in some:
-            found[fault.name] = fault_windows(seen, targets, fault, observer.cameras, planned.motion.time)
-    return found
+    if others:
+        asked = _asking(planned, stage, targets, others) if lacks else None
+        shown.append((timeline if asked is None else observe(asked, observer, sampling, full=full), others))
+    return {
+        fault.name: fault_windows(seen, targets, fault, observer.cameras, planned.motion.time)
+        for seen, some in shown
+        for fault in some
+    }
+
+
+def _asking(
+    planned: PlannedMotion, stage: Stage, targets: Sequence[Target], faults: Sequence[FaultWatch]
+) -> ObservationRequest:
+    """The pieces of a motion in which images show faults, with the opposite of their literals where no formula asks."""
+    pieces = []
+    for piece in stage.pieces:
+        more = [lit.negated() for fault in faults if fault.is_left_alone_in(piece) for lit in fault.literals]
+        asking = replace(piece, literals=tuple(dict.fromkeys([*piece.literals, *more])))
+        pieces += [asking] if any(fault.counts_in(asking) for fault in faults) else []
+    return planned.for_targets(Stage(stage.model, stage.motion, pieces, stage.X_WO, stage.carried), targets)
 
 
 def watched_faults(planned: PlannedMotion) -> tuple[tuple[Target, ...], tuple[FaultWatch, ...]]:

@@ -104,8 +104,8 @@ def blind_ends(analysis: Analysis, names: Collection[str]) -> tuple[BlindEnd, ..
 BLIND_WEIGHT, BLIND_WEIGHT_WITHIN = 4.0, 20.0
 """Seconds of motion that a blind second counts for; and within a limit of the time, which is price enough."""
 
-ROUNDS = ((3, 3), (2, 3))
-"""The race: how many ways are left, and for how many generations of paths; then the best one goes on alone."""
+RACE = ((3, 3), (2, 3))
+"""The rounds of the race: how many ways take part, and for how many generations of paths; then the best goes on alone."""
 
 MOST_WORK = 24_000
 """In looks at paths of one candidate: when so many are reached, the search ends."""
@@ -125,7 +125,7 @@ GLANCE_STEP = 0.4
 LEFT = 6
 """Paths of each move that are left in the end."""
 
-MOST_TOGETHER = 10_000
+MOST_COMBINATIONS = 10_000
 """Combinations of paths of several moves that are compared; of more, those that cost least go on to the next move."""
 
 
@@ -151,7 +151,7 @@ def seen_ways(
     if not runners:
         return []
     everyone, work = [search for runner in runners for search in runner.searches], 0
-    for number, generations in ROUNDS:
+    for number, generations in RACE:
         runners = sorted(runners, key=lambda runner: (-runner.level, runner.cost()))[:number]
         work += exchange(cell.observer, _searches(runners), everyone)
         for _ in range(generations):
@@ -234,7 +234,7 @@ def _runners(cell: Cell, motions: Sequence[PlannedMotion], longest: float, inter
     for _, _, planned, lost in sorted(found, key=lambda one: one[:2]):
         same_branch = (other for other, _ in chosen if other.candidate.branch == planned.candidate.branch)
         known = any(abs(planned.motion.time - other.motion.time) < SAME_TIME for other in same_branch)
-        if len(chosen) < ROUNDS[0][0] and not known:
+        if len(chosen) < RACE[0][0] and not known:
             chosen.append((planned, lost))
     runners = []
     for planned, lost in chosen:
@@ -256,7 +256,7 @@ def _searches(runners: Sequence[_Runner]) -> list[MoveSearch]:
 
 
 def paths_together(left: Sequence[Sequence[SeenPath]], most: float, weight: float) -> list[tuple[SeenPath, ...]]:
-    """Combinations of one path of each move that take no longer than `most` [s] together, at most `MOST_TOGETHER`.
+    """Combinations of one path of each move that take no longer than `most` [s] together, at most `MOST_COMBINATIONS`.
 
     weight: seconds of motion that a blind second counts for.
     """
@@ -264,9 +264,9 @@ def paths_together(left: Sequence[Sequence[SeenPath]], most: float, weight: floa
     for paths in left:
         longer = [(*some, path) for some in together for path in paths]
         together = [some for some in longer if sum(path.time for path in some) <= most]
-        if len(together) > MOST_TOGETHER:
+        if len(together) > MOST_COMBINATIONS:
             together.sort(key=lambda some: sum(weight * path.blind + path.time for path in some))
-            del together[MOST_TOGETHER:]
+            del together[MOST_COMBINATIONS:]
     return together
 
 

@@ -27,8 +27,8 @@ _SHARE = 0.1
 """Of the error that may remain, so much is left: qualities are compared rounded to the default, and ways that see the
 same must not differ by how their brackets lie."""
 
-_ROUNDS = range(1, 9)
-"""Most rounds of narrowing a bracket."""
+_CUTS = range(1, 9)
+"""In how many rounds a bracket may be narrowed."""
 
 _LOOK = 100
 """Fixed cost of one observation, in samples."""
@@ -207,7 +207,7 @@ def _finer(timeline: Timeline, tolerance: float) -> tuple[Samples, Indices] | No
     rows = np.flatnonzero(ratio > 1 + 1e-9)
     if not len(rows):
         return None
-    choices = [(rounds, np.ceil(ratio[rows] ** (1 / rounds) - 1e-9).astype(np.int64).clip(2)) for rounds in _ROUNDS]
+    choices = [(rounds, np.ceil(ratio[rows] ** (1 / rounds) - 1e-9).astype(np.int64).clip(2)) for rounds in _CUTS]
     _, parts = min(choices, key=lambda one: one[0] * (_LOOK + int(one[1].sum())))
     bracket, part = ranges(np.ones(len(rows)), parts)
     row = rows[bracket]

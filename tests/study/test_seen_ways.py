@@ -19,7 +19,7 @@ from sqrp_cli.study.find import TimeLimit, WantedWay, find_way
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.robustness import Calibration
 from sqrp_cli.study.sampling import Adaptive
-from sqrp_cli.study.seen_ways import MOST_TOGETHER, blind_ends, move_searches, paths_together, way_with_seen_paths
+from sqrp_cli.study.seen_ways import MOST_COMBINATIONS, blind_ends, move_searches, paths_together, way_with_seen_paths
 from sqrp_cli.task.feasibility import feasible_motion
 from tests.motion.cells import assert_keeps_limits
 from tests.random_cell import Crowd, random_cell
@@ -185,7 +185,7 @@ def test_of_many_moves_the_best_paths_together_are_found_without_all_combination
     left = [[SimpleNamespace(time=t, blind=b) for t, b in rng.random((6, 2))] for _ in range(12)]
     found = paths_together(left, 12.0, weight=3.0)
     cost = min(sum(3 * path.blind + path.time for path in paths) for paths in found)
-    assert len(found) <= MOST_TOGETHER
+    assert len(found) <= MOST_COMBINATIONS
     assert cost == pytest.approx(sum(min(3 * path.blind + path.time for path in paths) for paths in left))
     few = left[:3]
     assert paths_together(few, 1.0, 3.0) == [some for some in product(*few) if sum(path.time for path in some) <= 1.0]

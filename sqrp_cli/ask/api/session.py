@@ -14,7 +14,7 @@ from sqrp_cli.errors import Infeasible, Place, bad_input, bad_option, expected_n
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.files import alone, check_writable, real_path
 from sqrp_cli.records import dataclass
-from sqrp_cli.show.documents.explain import analysis_shown
+from sqrp_cli.show.documents.analysis_shown import analysis_shown
 from sqrp_cli.show.documents.explanation import ExplainedAll, Explanation
 from sqrp_cli.study.analysis import analyse
 from sqrp_cli.study.pipeline import Explained, RankJob, assess_all, described, recalibrated, sampling_done

@@ -1,6 +1,6 @@
 """`explain`: a candidate with all data from which its figures can be recomputed, and what it asks for over time.
 
-Nothing here computes: `documents.explain` makes these records.
+Nothing here computes: `documents.analysis_shown` makes these records.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.shapes import Triangles
 from sqrp_cli.show import sentences
-from sqrp_cli.show.documents.explain import analysis_shown
+from sqrp_cli.show.documents.analysis_shown import analysis_shown
 from sqrp_cli.show.documents.playback import PlayedCandidate
 from sqrp_cli.show.documents.scene import ShowDocument
 from sqrp_cli.show.pages.assembly import (
