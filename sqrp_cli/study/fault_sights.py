@@ -113,15 +113,11 @@ def all_fault_windows(
     )
     shown: list[tuple[Timeline, list[FaultWatch]]] = []
     if by_fingers:
-        shown.append(
-            (
-                observe(_asking(planned, stage.once_lost(), targets, by_fingers), observer, sampling, full=full),
-                by_fingers,
-            )
-        )
-    if others:
-        asked = _asking(planned, stage, targets, others) if lacks else None
-        shown.append((timeline if asked is None else observe(asked, observer, sampling, full=full), others))
+        asked = _asking(planned, stage.once_lost(), targets, by_fingers)
+        shown.append((observe(asked, observer, sampling, full=full), by_fingers))
+    if others and lacks:
+        timeline = observe(_asking(planned, stage, targets, others), observer, sampling, full=full)
+    shown.append((timeline, others))
     return {
         fault.name: fault_windows(seen, targets, fault, observer.cameras, planned.motion.time)
         for seen, some in shown

@@ -105,7 +105,7 @@ BLIND_WEIGHT, BLIND_WEIGHT_WITHIN = 4.0, 20.0
 """Seconds of motion that a blind second counts for; and within a limit of the time, which is price enough."""
 
 RACE = ((3, 3), (2, 3))
-"""The rounds of the race: how many ways take part, and for how many generations of paths; then the best goes on alone."""
+"""The rounds of the race: how many ways run, and for how many generations of paths; then the best goes on alone."""
 
 MOST_WORK = 24_000
 """In looks at paths of one candidate: when so many are reached, the search ends."""
