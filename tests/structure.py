@@ -34,7 +34,7 @@ ROOMS = {
     "task": ("task", 929),
     "motion": ("motion", 2_684),
     "sight": ("kernel sight", 1_477),
-    "study": ("study", 4_285),
+    "study": ("study", 4_315),
     "search": ("search", 4_284),
     "checks": ("checks", 1_238),
     "run": ("run", 7_301),
