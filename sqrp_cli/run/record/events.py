@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_type_hints
 
 from pydantic import (
     BaseModel,
@@ -91,10 +91,55 @@ class ShownAtom(BaseModel, strict=True, frozen=True, use_attribute_docstrings=Tr
     """The value from each camera that can judge it."""
 
 
+class EventFields:
+    """The fields that events may have, each with its type; `MODELS` says which kind has which, and what they mean."""
+
+    sqrp_log: Literal[1]
+    workspace: str
+    digest: str
+    seed: int
+    cameras: list[str]
+    rates: dict[str, Annotated[FiniteFloat, Field(gt=0)]]
+    faults: list[str]
+    steps: list[ProgramStep]
+    number: int
+    skill: str
+    parameters: dict[str, str | float]
+    time: FiniteFloat
+    boxes: dict[str, list[AskedBox]]
+    name: str
+    does: str | None
+    exposed: FiniteFloat
+    step_time: FiniteFloat | None
+    literals: dict[str, ShownAtom]
+    joints: list[str]
+    q: list[FiniteFloat]
+    held: str | None
+    objects: dict[str, Numbers7]
+    fault: str
+    text: str
+    response: Literal["stop", "retry", "continue"]
+    to_see: str
+    until: FiniteFloat
+    reason: str | None
+    force: FiniteFloat
+    attempt: int
+    of: int
+    step: str
+    report: RunReport
+
+
+_TYPES = get_type_hints(EventFields, include_extras=True)
 _KIND = "The kind of event."
 
 
-class Event(BaseModel):
+if TYPE_CHECKING:  # each kind has some of them
+    _Fields = EventFields
+else:
+    _Fields = object
+
+
+class Event(BaseModel, _Fields):
     """An event of a run, with the fields of its kind; keys that a line of a log has beside them are let be."""
 
     model_config = ConfigDict(strict=True, frozen=True)
@@ -124,54 +169,19 @@ class Event(BaseModel):
             properties |= {key: value for key, value in report["properties"].items() if key not in _NOT_LOGGED}
         return schema
 
-    if TYPE_CHECKING:  # the fields of all kinds, for editors and mypy
-        sqrp_log: int
-        workspace: str
-        digest: str
-        seed: int
-        cameras: list[str]
-        rates: dict[str, float]
-        faults: list[str]
-        steps: list[ProgramStep]
-        number: int
-        skill: str
-        parameters: dict[str, str | float]
-        time: float
-        boxes: dict[str, list[AskedBox]]
-        name: str
-        does: str | None
-        exposed: float
-        step_time: float | None
-        literals: dict[str, ShownAtom]
-        joints: list[str]
-        q: list[float]
-        held: str | None
-        objects: dict[str, list[float]]
-        fault: str
-        text: str
-        response: Literal["stop", "retry", "continue"]
-        to_see: str
-        until: float
-        reason: str | None
-        force: float
-        attempt: int
-        of: int
-        step: str
-        report: RunReport
-
 
 _NOT_LOGGED = ("schema", "document", "workspace", "wall")
 """Fields of a run's document that the last line of a log does not have: its header has the workspace."""
 
 
 def _kind(name: str, kind: Any, about: str, /, **fields: tuple[Any, ...]) -> type[Event]:  # noqa: ANN401 - or a literal
-    """The record of a kind of event; fields: the type and the meaning of each, and a default where logs may lack it."""
+    """The record of a kind of event; fields: the meaning of each, a default where logs may lack it, a narrower type."""
     literal: Any = Literal
-    event = (literal[kind], _KIND, kind) if isinstance(kind, str) else (kind, _KIND)
-    made: dict[str, Any] = {
-        key: (Annotated[type_, Field(description=text)], *(default or (...,)))
-        for key, (type_, text, *default) in {"event": event, **fields}.items()
-    }
+    type_, default = (literal[kind], kind) if isinstance(kind, str) else (kind, ...)
+    made: dict[str, Any] = {"event": (Annotated[type_, Field(description=_KIND)], default)}
+    for key, (text, *more) in fields.items():
+        default, type_ = more[0] if more else ..., more[1] if len(more) > 1 else _TYPES[key]
+        made[key] = (Annotated[type_, Field(description=text)], default)
     found: type[Event] = create_model(name, __base__=Event, __doc__=about, **made)
     return found
 
@@ -182,110 +192,110 @@ MODELS = (
         "RunBegan",
         "run",
         "The program and its circumstances: the first line of a log.",
-        sqrp_log=(Literal[1], "Version of the log's fields."),
-        workspace=(str, "Name of the workspace."),
-        digest=(str, "Of what was understood of the workspace."),
-        seed=(int, "Of everything random in the run.", 0),
-        cameras=(list[str], "Their names."),
-        rates=(dict[str, Annotated[FiniteFloat, Field(gt=0)]], "How often each camera takes an image [Hz].", {}),
-        faults=(list[str], "Faults to inject, in the form of `--fault`.", []),
-        steps=(list[ProgramStep], "Of the program, in order.", []),
+        sqrp_log=("Version of the log's fields.",),
+        workspace=("Name of the workspace.",),
+        digest=("Of what was understood of the workspace.",),
+        seed=("Of everything random in the run.", 0),
+        cameras=("Their names.",),
+        rates=("How often each camera takes an image [Hz].", {}),
+        faults=("Faults to inject, in the form of `--fault`.", []),
+        steps=("Of the program, in order.", []),
     ),
     _kind(
         "StepBegan",
         "step",
         "An attempt at a step begins: the robot looks, then moves.",
-        number=(int, "Of the step, from 1.", 1),
-        skill=(str, "Name of the skill.", ""),
-        parameters=(dict[str, str | float], "Objects and motion parameters by name.", {}),
-        time=(FiniteFloat, "Duration of its motion as planned [s].", 0.0),
-        boxes=(dict[str, list[AskedBox]], "Where images are searched, by atom."),
+        number=("Of the step, from 1.", 1),
+        skill=("Name of the skill.", ""),
+        parameters=("Objects and motion parameters by name.", {}),
+        time=("Duration of its motion as planned [s].", 0.0),
+        boxes=("Where images are searched, by atom.",),
     ),
     _kind(
         "PrimitiveBegan",
         "primitive",
         "A primitive action begins.",
-        name=(str, "As in the skill."),
-        does=(str | None, "What it does, in a word or two; None in logs of earlier versions.", None),
+        name=("As in the skill.",),
+        does=("What it does, in a word or two; None in logs of earlier versions.", None),
     ),
     _kind(
         "EvidenceSeen",
         "evidence",
         "The evidence of a time is known, or has changed because another image of that time arrived.",
-        exposed=(FiniteFloat, "When the images were taken [s]."),
-        step_time=(FiniteFloat | None, "The same since the motion of the step began [s]; null before it.", None),
-        literals=(dict[str, ShownAtom], "By atom."),
+        exposed=("When the images were taken [s].",),
+        step_time=("The same since the motion of the step began [s]; null before it.", None),
+        literals=("By atom.",),
     ),
     _kind(
         "WholeState",
         "state",
         "The true poses, which the robot does not know: the first state of a run, complete.",
-        joints=(list[str], "Names of all joints."),
-        q=(list[FiniteFloat], "Their positions [rad or m]."),
-        held=(str | None, "What the tool holds."),
-        objects=(dict[str, Numbers7], f"Poses in the world: {_POSE}.", {}),
+        joints=("Names of all joints.",),
+        q=("Their positions [rad or m].",),
+        held=("What the tool holds.",),
+        objects=(f"Poses in the world: {_POSE}.", {}),
     ),
     _kind(
         "StateChanged",
         "state",
         "The true poses now; what is left out is unchanged.",
-        q=(list[FiniteFloat], "Positions of all joints [rad or m].", []),
-        held=(str | None, "What the tool holds.", None),
-        objects=(dict[str, Numbers7], f"Poses in the world of what has moved: {_POSE}.", {}),
+        q=("Positions of all joints [rad or m].", []),
+        held=("What the tool holds.", None),
+        objects=(f"Poses in the world of what has moved: {_POSE}.", {}),
     ),
-    _kind("FaultInjected", "injected", "A fault is injected.", fault=(str, "In the form of `--fault`.")),
+    _kind("FaultInjected", "injected", "A fault is injected.", fault=("In the form of `--fault`.",)),
     _kind(
         "FaultHappened",
         "happened",
         "The formula of a fault that was injected has become true in the cell.",
-        fault=(str, "Its name."),
+        fault=("Its name.",),
     ),
     _kind(
         "FaultSeen",
         "fault",
         "The images show a fault.",
-        name=(str, "As the skill calls it; of another violation that the skill lets pass, its formula."),
-        text=(str, "What is wrong, in words.", ""),
-        response=(Literal["stop", "retry", "continue"], "The response of the skill.", "stop"),
+        name=("As the skill calls it; of another violation that the skill lets pass, its formula.",),
+        text=("What is wrong, in words.", ""),
+        response=("The response of the skill.", "stop"),
     ),
     _kind(
         "MovingOn",
         "moving on",
         "The robot continues its motion to where the condition of a retry can be seen.",
-        to_see=(str, "The condition."),
-        cameras=(list[str], "The cameras that should see it from there.", []),
-        until=(FiniteFloat, "When it is to stop, in the time of the step's motion [s].", 0.0),
+        to_see=("The condition.",),
+        cameras=("The cameras that should see it from there.", []),
+        until=("When it is to stop, in the time of the step's motion [s].", 0.0),
     ),
-    _kind("Stopping", "stopping", "The robot is commanded to stop.", reason=(str, "Why it stops, in words.", "")),
+    _kind("Stopping", "stopping", "The robot is commanded to stop.", reason=("Why it stops, in words.", "", str)),
     _kind(
         "ContactFelt",
         "contact",
         "A guarded move ends: the tool met what it looked for.",
-        force=(FiniteFloat, "At the tool [N]."),
+        force=("At the tool [N].",),
     ),
     _kind(
         "Retrying",
         "retry",
         "A motion for another attempt at a step is planned.",
-        attempt=(int, "Number of the retry, from 1."),
-        of=(int, "How many the skill allows."),
-        step=(str, "Its skill.", ""),
-        time=(FiniteFloat, "Duration of the motion as planned [s].", 0.0),
+        attempt=("Number of the retry, from 1.",),
+        of=("How many the skill allows.",),
+        step=("Its skill.", ""),
+        time=("Duration of the motion as planned [s].", 0.0),
     ),
     _kind(
         "RunEnded",
         Outcome,
         "The program is done, or the robot has stopped.",
-        reason=(str | None, "Why it stopped, or what was not noticed.", None),
+        reason=("Why it stopped, or what was not noticed.", None),
     ),
     _kind(
         "RunReported",
         "report",
         "How a run went: the last line of a log, with the fields of the report.",
-        report=(RunReport, "All of it."),
+        report=("All of it.",),
     ),
 )
-"""The record of each kind of event: its fields with their types, what they mean, and defaults."""
+"""The record of each kind of event: its fields, what they mean, and defaults."""
 KINDS: Mapping[str, type[Event]] = {
     kind: model for model in MODELS for kind in get_args(model.model_fields["event"].annotation)
 }

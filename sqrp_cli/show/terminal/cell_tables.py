@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 from sqrp_cli.show.terminal.console import (
     SEVERITY_STYLES,
     Column,
-    Share,
     Styled,
     TableCell,
     joined,
@@ -81,8 +80,7 @@ def print_suggested(suggested: Sequence[PlannedStep]) -> None:
     say("It can be done in these steps, each in its best way:\n")
     columns = [Column("#"), Column("step"), Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True)]
     rows = [
-        (str(number), step.task, Share(step.q_eoi), Share(step.q_avg), f"{step.time:.2f}")
-        for number, step in enumerate(suggested, 1)
+        (str(number), step.task, step.q_eoi, step.q_avg, f"{step.time:.2f}") for number, step in enumerate(suggested, 1)
     ]
     print_table([*columns, Column("time [s]", right=True)], rows)
 
@@ -211,10 +209,10 @@ def print_program(found: ProgramDocument) -> None:
         titles = ("start\n[s]", "time\n[s]", "Q_eoi [%]", "Q_avg [%]", "slowest\nalarm [s]")
         rows: list[list[TableCell]] = []
         for number, step in enumerate(found.steps, 1):
-            figures = [Share(step.q_eoi), Share(step.q_avg), _slowest(step.faults.values())]
+            figures = [step.q_eoi, step.q_avg, _slowest(step.faults.values())]
             rows.append([str(number), step.label, f"{step.start:.2f}", f"{step.time:.2f}", *figures])
         faults = _slowest([fault for step in found.steps for fault in step.faults.values()])
-        rows.append(["", "in all", "", f"{total.time:.2f}", Share(total.q_eoi), Share(total.q_avg), faults])
+        rows.append(["", "in all", "", f"{total.time:.2f}", total.q_eoi, total.q_avg, faults])
         print_table([Column("#"), Column("step", shrink=True), *numbers(*titles)], rows)
         say()
         for number, step in enumerate(found.steps, 1):

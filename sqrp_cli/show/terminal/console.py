@@ -69,14 +69,8 @@ def seconds(t: float | None, sign: str = "") -> str:
     return "-" if t is None else f"{sign}{t:.2f}"
 
 
-@dataclass(frozen=True)
-class Share:
-    """A cell with a share in 0..1: a bar and a number, or only the number if space is short."""
-
-    value: float | None
-
-
-TableCell = Styled | Share  # what a table may hold
+TableCell = Styled | float | None
+"""Text, or a share in 0..1: a bar and a number, or only the number if space is short."""
 
 
 _captured: ContextVar[Console | None] = ContextVar("captured", default=None)
@@ -171,8 +165,8 @@ def _laid_out(
     """
     cells = []
     for row in rows:
-        shares = (percentage(cell.value, bar=not narrow) if isinstance(cell, Share) else cell for cell in row)
-        cells.append([cell if isinstance(cell, Text) else Text(one_line(cell)) for cell in shares])
+        shown = (cell if isinstance(cell, Styled) else percentage(cell, bar=not narrow) for cell in row)
+        cells.append([cell if isinstance(cell, Text) else Text(one_line(cell)) for cell in shown])
     titles = ["\n".join(one_line(line) for line in column.title.split("\n")) for column in columns]
     total = 2 * (len(columns) - 1)
     for number, column in enumerate(columns):

@@ -10,7 +10,6 @@ from sqrp_cli.figures import named_figures
 from sqrp_cli.show import sentences
 from sqrp_cli.show.terminal.console import (
     Column,
-    Share,
     TableCell,
     delay,
     fits,
@@ -107,12 +106,12 @@ def _sentences(feasible: Sequence[CandidateResult], found: Ranking) -> Iterator[
         if places := " and ".join(f"`{at}` {of:.1f} s" for at, of in total.items() if of >= SHORTEST_BLIND):
             blind.append(f"{one.name} {places}")
     if faster:
-        yield f"Faster ways rank lower: {_first(faster)}; {'below' if found.ways == 'all' else 'see --ways all'}."
+        yield f"Faster ways rank lower: {_first_few(faster)}; {'below' if found.ways == 'all' else 'see --ways all'}."
     if blind:
-        yield f"No path helps at ends of moves that the cameras do not see: {_first(blind)}."
+        yield f"No path helps at ends of moves that the cameras do not see: {_first_few(blind)}."
 
 
-def _first(texts: Sequence[str]) -> str:
+def _first_few(texts: Sequence[str]) -> str:
     more = len(texts) - MOST_NAMED
     return ", ".join(texts[:MOST_NAMED]) + (f", and {more} more" if more > 0 else "")
 
@@ -125,7 +124,7 @@ def print_ways(candidates: Iterable[CandidateResult]) -> None:
             columns = [Column("way"), *numbers("Q_eoi [%]", "Q_avg [%]", "time\n[s]", "at\nworst")]
             worst = [delay(way.delay_worst, way.unseen) for way in one.ways.pareto]
             rows = [
-                (way.words, Share(way.q_eoi), Share(way.q_avg), seconds(way.time), late)
+                (way.words, way.q_eoi, way.q_avg, seconds(way.time), late)
                 for way, late in zip(one.ways.pareto, worst, strict=True)
             ]
             print_table(columns, rows)
@@ -147,9 +146,9 @@ def _figures(feasible: Sequence[CandidateResult]) -> list[_Figure]:
     if any(one.has_choice for one in feasible):
         found.append((Column("way", shrink=True), lambda one: one.choice))
     q_eoi, q_avg, expected, time = numbers("Q_eoi [%]", "Q_avg [%]", "expected\n[%]", "time\n[s]")
-    found += [(q_eoi, lambda one: Share(one.q_eoi)), (q_avg, lambda one: Share(one.q_avg))]
+    found += [(q_eoi, lambda one: one.q_eoi), (q_avg, lambda one: one.q_avg)]
     if any(one.q_expected is not None for one in feasible):
-        found.append((expected, lambda one: Share(one.q_expected)))
+        found.append((expected, lambda one: one.q_expected))
     found.append((time, lambda one: seconds(one.time)))
     if faults := list(feasible[0].faults):
         mean, at_worst = numbers(f"{faults[0] if len(faults) == 1 else 'fault'}\nseen [s]", "at\nworst")
