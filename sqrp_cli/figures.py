@@ -6,7 +6,7 @@ SI units, shares in 0..1. Nothing of the program but its foundations is imported
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import astuple, fields
+from dataclasses import fields
 from math import inf
 from typing import Annotated
 
@@ -73,7 +73,7 @@ class FaultMetrics(FileRecord):
 
     def __post_init__(self) -> None:
         """Raises ValueError if a figure is not finite."""
-        check_finite("a fault", *astuple(self))
+        check_finite("a fault", [value for value in vars(self).values() if value is not None])
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Qualities(Record):
 
     def __post_init__(self) -> None:
         """Raises ValueError if a figure is not finite, also one of a subclass."""
-        check_finite("a figure", *(value for value in vars(self).values() if isinstance(value, float)))
+        check_finite("a figure", [value for value in vars(self).values() if isinstance(value, float)])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -50,7 +50,7 @@ def check_poses(what: str, *poses: Array | None) -> None:
         R = X[..., :3, :3]
         # Comparisons with NaN are false, so it does not pass.
         orthonormal = (np.abs(R @ R.swapaxes(-1, -2) - np.eye(3)) <= _ORTHONORMAL).all()
-        right_handed = (np.einsum("...i,...i", cross(R[..., 0], R[..., 1]), R[..., 2]) > 0.0).all()
+        right_handed = (np.linalg.det(R) > 0.0).all()
         affine = (X[..., 3, :] == [0.0, 0.0, 0.0, 1.0]).all()
         if not (np.isfinite(X).all() and orthonormal and right_handed and affine):
             raise ValueError(f"the pose of {what} is none: {X.tolist()}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import compress, product
 from typing import TypeAlias
 
 import numpy as np
@@ -209,12 +209,13 @@ def swept_cameras(cell: Cell, world: World, steps: Iterable[Candidate]) -> Itera
         scene = planned_motion(cell, step, world, motion)
         sampled = first_samples(Adaptive(), scene.stage, Observer((), cell.observer.solids), scene.targets)
         X_WF = scene.stage.states(sampled).X_WF
-        for camera, solid in product(list(left.values()), cell.observer.solids):
-            if len(X_WF[camera.frame]) == len(X_WF[solid.part.parent]) == 1:
-                continue  # both rest, as most do
-            X_FP = inverse(X_WF[camera.frame]) @ X_WF[solid.part.parent]
-            moves = float(np.ptp(X_FP, axis=0).max()) > 1e-9
-            if camera.name in left and moves and touched(solid, X_FP, camera.X_FC[None, :3, 3], CAMERA_RADIUS)[0]:
+        for frame, solid in product({camera.frame: None for camera in left.values()}, cell.observer.solids):
+            X_FP = inverse(X_WF[frame]) @ X_WF[solid.part.parent]
+            if float(np.ptp(X_FP, axis=0).max()) <= 1e-9:
+                continue
+            there = [camera for camera in left.values() if camera.frame == frame]
+            eyes = np.array([camera.X_FC[:3, 3] for camera in there]).reshape(-1, 3)
+            for camera in compress(there, touched(solid, X_FP, eyes, CAMERA_RADIUS).tolist()):
                 del left[camera.name]
                 message = f"camera `{camera.name}` stands where `{solid.name}` passes in `{step.name}`"
                 mend = "move it, or state its housing as a fixed object, which the robot then goes around"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import field
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -53,7 +53,7 @@ class ToolCurve:
     arm: Array = field(default_factory=lambda: np.zeros(3))
     """From a point of the axis to where its origin begins [m], shape (3,)."""
 
-    @property
+    @cached_property
     def length(self) -> float:
         """Length of the way of its origin [m]."""
         return float(np.hypot(np.linalg.norm(np.cross(self.around, self.arm)), np.linalg.norm(self.along)))
@@ -63,7 +63,7 @@ class ToolCurve:
         """Angle of the whole turn of the tool [rad]."""
         return float(np.linalg.norm(self.turn))
 
-    @property
+    @cached_property
     def winding(self) -> float:
         """The greater of the turn and the way about the axis [rad]; 0 for a line, which never comes back."""
         angle = float(np.linalg.norm(self.around))

@@ -20,7 +20,7 @@ from sqrp_cli.kernel.kernel import BoxVerdicts, Items, Loss
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import Cause, HidingPart
 from sqrp_cli.sight.scene_states import SceneStates
-from sqrp_cli.sight.sight_memory import SEEN, UNKNOWN, UNSEEN, SightMemory, Sights
+from sqrp_cli.sight.sight_memory import SEEN, UNKNOWN, UNSEEN, SightMemory
 from sqrp_cli.sight.sight_scene import SightScene
 from sqrp_cli.sight.solids import Solid, Solids
 from sqrp_cli.sight.targets import SoughtBox, Target
@@ -83,12 +83,11 @@ class Observer:
         """
         counts = list(map(len, rows))
         needed = np.repeat([target.cameras for target in targets], counts)
-        boxes, state = np.array([len(target.boxes) for target in targets]), np.concatenate([np.arange(0), *rows])
-        items = Items(state, np.repeat(np.cumsum(boxes) - boxes, counts), np.repeat(boxes, counts))
+        of_each, state = np.array([len(target.boxes) for target in targets]), np.concatenate([np.arange(0), *rows])
+        items = Items(state, np.repeat(np.cumsum(of_each) - of_each, counts), np.repeat(of_each, counts))
+        asked, keys = np.arange(len(needed)), list[bytes]()
         sights = np.full((len(self.cameras), len(needed)), UNKNOWN, dtype=np.int8)
-        if self.memory is None:
-            self._look(targets, states, items, needed, sights, loss)
-        else:
+        if self.memory is not None:
             keys = self.memory.questions(targets, states, rows, self._frames)
             sights = self.memory.recalled(self.cameras, keys)
             # Whether a camera that is not known to see the target of a question may matter, shape (q,).
@@ -97,12 +96,14 @@ class Observer:
                 seen += (sights[tier] == SEEN).sum(axis=0)
                 matters |= (seen < needed) & (sights[tier] == UNKNOWN).any(axis=0)
             matters &= (sights != UNSEEN).sum(axis=0) >= needed
-            asked = np.flatnonzero(matters)
-            if len(asked):
-                found = np.ascontiguousarray(sights[:, asked])
-                self._look(targets, states, Items(*(column[asked] for column in items)), needed[asked], found)
+            asked, loss = np.flatnonzero(matters), None
+        if len(asked):
+            found, some = np.ascontiguousarray(sights[:, asked]), Items(*(column[asked] for column in items))
+            request = self._scene.request(self.projections, [box for one in targets for box in one.boxes], states)
+            request.cover(some, needed[asked], self._tiers, found, loss)
+            if self.memory is not None:
                 self.memory.note(self.cameras, [keys[index] for index in asked], found)
-                sights[:, asked] = found
+            sights[:, asked] = found
         # The k-th smallest response among the cameras that see the target of a question, NaN if fewer do, (q,) [s].
         seen, response = np.zeros(len(needed), dtype=np.int64), np.full(len(needed), np.nan)
         for tier in self._tiers:
@@ -165,20 +166,6 @@ class Observer:
         first = np.cumsum(counts) - counts
         request = self._scene.request([Projection(lens) for lens in lenses], boxes, states)
         return request.look_from(X_FC, Items(state, first[target], counts[target]), decisive, limits_only=limits_only)
-
-    def _look(
-        self,
-        targets: Sequence[Target],
-        states: SceneStates,
-        items: Items,
-        needed: Indices,
-        sights: Sights,
-        loss: Loss | None = None,
-    ) -> None:
-        """Replace what is unknown in the `sights` of items, as far as it matters."""
-        boxes = [box for target in targets for box in target.boxes]
-        request = self._scene.request(self.projections, boxes, states)
-        request.cover(items, needed, self._tiers, sights, loss)
 
     @cached_property
     def _tiers(self) -> list[NDArray[np.int64]]:

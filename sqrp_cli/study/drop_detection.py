@@ -87,7 +87,7 @@ _LONGEST = 4.0
 _FALL = _LONGEST * np.linspace(0.0, 1.0, 81) ** 2
 """Times after it is lost at which it is looked at [s], the first ones closer."""
 
-_FIRST = (16, 32)
+_FIRST = 32
 """So many of these times tell when nearly all drops are seen; all of them are looked at for the others alone."""
 
 _SOON = 0.8
@@ -313,7 +313,7 @@ def _first_shown(
     known = max(map(len, beside.values()), default=0)
     before = np.searchsorted(times[:known], t[:, None] + _FALL, side="right") - 1
     found, left_open = np.empty((3 + len(reached), len(start))), np.arange(len(start))
-    for count in (*_FIRST, len(_FALL)):
+    for count in (_FIRST, len(_FALL)):
         at, eye, by = start[left_open], eyes[:, left_open, :count], camera[left_open]
         free, lengths = fallen[:, at, :count], focal[left_open]
         expected = held_at if len(tool) == 1 else held_at[:, at, :count]
@@ -336,6 +336,8 @@ def _first_shown(
         margins = [gone[0], apart[1], gone[1], *inside]
         found[:, left_open] = [_first(margin, period) for margin in margins]
         left_open = left_open[np.isinf(found[:, left_open]).any(axis=0)]
+        if not len(left_open):
+            break
     shown = np.full((len(found), *judges.shape), -np.inf)
     shown[:, camera, start] = t[start] + found
     return shown
