@@ -53,7 +53,7 @@ class Cell:
             seed=seed,
         )
 
-    def seen_by(self, workspace: Workspace) -> Cell:
+    def with_cameras_of(self, workspace: Workspace) -> Cell:
         """The cell of a workspace that differs in its cameras only; motions stay the same."""
         observer = replace(self.observer, cameras=tuple(workspace.cameras.values()))
         return replace(self, workspace=workspace, observer=observer)

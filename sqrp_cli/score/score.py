@@ -202,7 +202,7 @@ def shortcomings(best: CandidateResult | None, expected: ExpectedTask, why_none:
     """
     if best is None:
         return () if expected.feasible is False else (f"no candidate can be done: {why_none}",)
-    name, lost, said = best.candidate.name, best.loss, list[str]()
+    name, lost, said = best.candidate.name, best.blind_spot, list[str]()
     if expected.feasible is False:
         said.append(f"{name} can be done, but no candidate was expected to be")
     qualities = (("Q_eoi", best.q_eoi, expected.min_q_eoi), ("Q_avg", best.q_avg, expected.min_q_avg))

@@ -30,7 +30,7 @@ from sqrp_cli.search.question import (
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.study.in_the_way import hidden_views, to_move
 from sqrp_cli.study.result import CandidateResult
-from sqrp_cli.study.verdict import longest_loss
+from sqrp_cli.study.verdict import longest_blind_spot
 from sqrp_cli.study.whole_analysis import WholeAnalysis, reasons_of_step, whole_analysis, worst_seen
 from sqrp_cli.task.feasibility import impossible_start
 
@@ -86,7 +86,7 @@ def _outcome(start: Start, kind: Kind) -> KindOutcome:
         limit = reached.why_late
     else:
         worst = worst_seen([step.result for step in steps])
-        stretch = longest_loss(near.change.in_cell(question.cell), steps[worst])
+        stretch = longest_blind_spot(near.change.in_cell(question.cell), steps[worst])
         said = reached.why_late if stretch is None else stretch.in_short
         limit = said if stretch is None else reasons_of_step(near.analysis.candidate, worst + 1, [said])[0]
     missing, nearer = goal.missed(reached), goal.is_nearer(reached, before)

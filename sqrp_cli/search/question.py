@@ -59,7 +59,7 @@ class ProposedChange:
         if self.camera is None:
             return cell
         cameras = {**cell.workspace.cameras, self.camera.name: self.camera}
-        return cell.seen_by(replace(cell.workspace, cameras=cameras))
+        return cell.with_cameras_of(replace(cell.workspace, cameras=cameras))
 
     def in_world(self, world: World) -> World:
         """The world with it."""

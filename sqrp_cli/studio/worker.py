@@ -247,7 +247,7 @@ class _Worker:
         others = [one for one in workspace.files.items() if one[0] != "workspace" and not one[0].startswith("cameras.")]
         kin = values, {role: file.digest for role, file in others}
         if self._cell is not None and kin == self._kin:
-            cell = self._cell.seen_by(workspace)
+            cell = self._cell.with_cameras_of(workspace)
         else:
             self._memory, self._task, model = SightMemory(), None, None
             cell = replace(opened.cell, observer=replace(opened.cell.observer, memory=self._memory))
@@ -310,7 +310,7 @@ class _Worker:
         workspace, (sketches, shown) = moved(session.cell.workspace, move), base
         was = {"q_eoi": shown.q_eoi, "q_avg": shown.q_avg}  # as the cell is, at the same instants
         if move.kind == "camera":
-            cell = session.cell.seen_by(workspace)
+            cell = session.cell.with_cameras_of(workspace)
             seen = joined(sketches, [one.seen_by(cell, move.name) for one in sketches])
             self.say("sketch", name=self._chosen, seen=seen, was=was, number=number)
             return

@@ -86,14 +86,13 @@ def to_move(cell: Cell, analysis: Analysis, views: HiddenViews) -> tuple[HidingP
 
     Shares are of all that is hidden, from any camera, while too few see the target. views: all hidden ones.
     """
-    weights, observation = sample_weights(analysis), analysis.timeline.observation
-    lost = observation.required & ~observation.covered
+    weights, uncovered = sample_weights(analysis), analysis.timeline.observation.uncovered
     some = [
         (float(weights[row]), parts)
-        for of_target, is_lost in zip(views, lost.T, strict=True)
+        for of_target, missed in zip(views, uncovered.T, strict=True)
         for of_box in of_target
         for (row, _), parts in of_box.items()
-        if is_lost[row]
+        if missed[row]
     ]
     parts = _mean(some, 1.0)
     total = sum(part.share for part in parts)

@@ -36,9 +36,14 @@ class Observation:
     """Per target and box the verdicts of every camera; None if only coverage was requested."""
 
     @cached_property
+    def uncovered(self) -> Mask:
+        """Where the target is required and not covered, shape (m, a)."""
+        return self.required & ~self.covered
+
+    @cached_property
     def blind(self) -> Mask:
         """Whether a state holds a literal that is not covered, shape (m,)."""
-        blind: Mask = np.any(self.required & ~self.covered, axis=1)
+        blind: Mask = np.any(self.uncovered, axis=1)
         return blind
 
     @property
@@ -53,8 +58,7 @@ class Observation:
         covered, response = self.covered, self.response
         both = self.known[first] & self.known[second]
         seen = both & covered[first] & covered[second] & (response[first] == response[second])
-        unseen = both & ~covered[first] & ~covered[second]
-        known = seen | unseen
+        known = seen | (both & ~covered[first] & ~covered[second])
         return Observation(
             looked=~known.any(axis=1),
             required=self.required[first] & self.required[second],

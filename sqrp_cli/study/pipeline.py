@@ -101,7 +101,7 @@ class RankJob:
         if not known.steps:
             return done[0]
         whole = result_of_steps(known.candidate, done)
-        return replace(known, verdict=whole.verdict, loss=whole.loss, remedy=whole.remedy, steps=done)
+        return replace(known, verdict=whole.verdict, blind_spot=whole.blind_spot, remedy=whole.remedy, steps=done)
 
     def steps_done(self, candidate: Candidate) -> list[tuple[CandidateResult, World]]:
         """The steps of a candidate of several, each in its wanted way, with the world that those before it leave.

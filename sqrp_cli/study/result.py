@@ -25,7 +25,7 @@ Criterion = Literal["q_eoi", "q_avg", "time", "delay", "expected_time"]
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
 
 NOTHING_MISSING = "Every literal is covered all the time"
-"""What the verdict says of a candidate without loss."""
+"""What the verdict says of a candidate without a blind spot."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,10 +120,10 @@ class CandidateResult(Figures):
     """Of a task of several steps: each that was looked at. Names of parameters and faults of the whole begin with the
     step's number."""
 
-    loss: str = live("")
-    """What the verdict says of where it is blind and why, without a full stop."""
+    blind_spot: str = live("")
+    """The part of the verdict that says where it is blind and why, without a full stop."""
     remedy: str = live("")
-    """What it says would help; empty where nothing is known to."""
+    """The part that says what would help; empty where nothing is known to."""
     candidate: Candidate = live()
     best_way: Candidate | None = live()
     """The way behind the figures, if the candidate leaves something free."""

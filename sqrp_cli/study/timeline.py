@@ -145,9 +145,9 @@ def observe(
 
     full: give the verdicts of every camera with causes, and bisect the transitions of each camera as well.
 
-    bars: what another motion loses, a row for each: for how long its state is not covered, in all and in the events of
+    bars: what other motions lose, a row for each: for how long its state is not covered, in all and in the events of
     interest, shape (b, 2) [s]. Once this one surely loses as much as a row in both, it is not looked at any further,
-    and what was not looked at counts as lost.
+    and what was not looked at counts as not covered.
     """
     stage, targets = request.stage, request.targets
     samples = first_samples(sampling, stage, observer, targets)
@@ -160,8 +160,7 @@ def observe(
         if bars is not None:
             # A target that is seen in neither of two neighbouring samples is not looked for between them: how long no
             # bisection can find all covered, and how long of that is of interest.
-            lost = seen.required & ~seen.covered
-            gaps = np.where((lost[:-1] & lost[1:]).any(axis=1), samples.gaps, 0.0)
+            gaps = np.where((seen.uncovered[:-1] & seen.uncovered[1:]).any(axis=1), samples.gaps, 0.0)
             if (np.array([gaps.sum(), gaps[timeline.of_interest[:-1]].sum()]) >= bars).all(axis=1).any():
                 break
         if (finer := _finer(timeline, sampling.tolerance)) is None:

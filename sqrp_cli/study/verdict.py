@@ -1,6 +1,6 @@
 """The score of a candidate explained in a sentence or two.
 
-Which literal is lost when, by which camera, behind what, who sees it before and after, and what would help.
+Which literal is not covered when, what keeps which camera from seeing it, who sees it before and after, and what would help.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ class CameraCause(Reason):
     partly: bool
     """Whether the camera sees the target for a part of the stretch."""
     change: CameraChange | None = None
-    """With which enough cameras see the target in all samples of the stretch in which it is lost, if one was found."""
+    """With which enough cameras see the target in all samples of the stretch in which it is not covered, if one was found."""
 
     def sentence(self, templates: dict[Cause, str], atom: Atom) -> str:
         """One of the sentences above about this camera."""
@@ -128,7 +128,7 @@ class CameraCause(Reason):
 
 
 @dataclass(frozen=True)
-class BlindStretch:
+class BlindSpot:
     """A stretch of time in which a state is not covered."""
 
     start: float
@@ -198,28 +198,30 @@ def _listed(causes: Sequence[CameraCause]) -> str:
 
 
 def with_verdict(cell: Cell, seen: Observed, result: CandidateResult) -> CandidateResult:
-    """A feasible result with its verdict: its longest loss, and what would help.
+    """A feasible result with its verdict: its longest blind spot, and what would help.
 
     Moves that go around something are named at the end.
     """
-    loss, remedy, remarks = NOTHING_MISSING, "", seen.planned.motion.remarks
-    if (stretch := longest_loss(cell, seen)) is not None:
+    blind_spot, remedy, remarks = NOTHING_MISSING, "", seen.planned.motion.remarks
+    if (stretch := longest_blind_spot(cell, seen)) is not None:
         candidate = seen.planned.candidate
         stated = any(not parameter.implicit for parameter in candidate.skill.motion_parameters)
         all_tried = candidate.branch or not (candidate.skill.waypoints or stated)
         advice = stretch.advice.removesuffix(_OTHER_WAY) if all_tried else stretch.advice
         helps = bool(stretch.causes) and stretch.causes[0].change is not None  # else it was not tried
-        loss, remedy = str(stretch), advice and f"It {'would' if helps else 'may'} help to {advice}"
-    sentences = (loss, remedy, remarks and f"On the way {', '.join(remarks)}")
-    return replace(result, verdict=" ".join(f"{one}." for one in sentences if one), loss=loss, remedy=remedy)
+        blind_spot, remedy = str(stretch), advice and f"It {'would' if helps else 'may'} help to {advice}"
+    sentences = (blind_spot, remedy, remarks and f"On the way {', '.join(remarks)}")
+    return replace(
+        result, verdict=" ".join(f"{one}." for one in sentences if one), blind_spot=blind_spot, remedy=remedy
+    )
 
 
-def longest_loss(cell: Cell, seen: Observed) -> BlindStretch | None:
+def longest_blind_spot(cell: Cell, seen: Observed) -> BlindSpot | None:
     """The longest stretch that is not covered, if any is; stretches within the events of interest come first."""
     t, blind = seen.timeline.samples.t, seen.timeline.observation.blind
     of_interest = blind & seen.timeline.of_interest
     runs = list(stretches(of_interest if of_interest.any() else blind))
-    return explain_stretch(cell, seen, max(runs, key=lambda rows: t[rows[-1]] - t[rows[0]])) if runs else None
+    return explain_blind_spot(cell, seen, max(runs, key=lambda rows: t[rows[-1]] - t[rows[0]])) if runs else None
 
 
 def stretches(blind: Mask) -> Iterator[Indices]:
@@ -228,31 +230,31 @@ def stretches(blind: Mask) -> Iterator[Indices]:
     yield from (run for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(run))
 
 
-def explain_stretch(cell: Cell, analysis: Observed, rows: Indices) -> BlindStretch:
-    """The lost literal in a run of uncovered samples, and why; of several literals, that lost in most of a few.
+def explain_blind_spot(cell: Cell, observed: Observed, rows: Indices) -> BlindSpot:
+    """Which literal is not covered in a run of uncovered samples, and why; of several, the one in most of a few samples.
 
-    Where that one is lost for a part of the run only, the stretch is the longest such part.
+    Where that one is uncovered for a part of the run only, the blind spot is the longest such part.
     """
-    loss, timeline = _worst_lost(cell, analysis, rows), analysis.timeline
-    if not loss.lost.all():
-        samples, target = timeline.samples.some(rows), loss.target
+    worst, timeline = _worst_uncovered(cell, observed, rows), observed.timeline
+    if not worst.uncovered.all():
+        samples, target = timeline.samples.some(rows), worst.target
         (boxes,) = cell.observer.verdicts(
-            [target], analysis.planned.stage.states(samples), shares=False, culprits=False
+            [target], observed.planned.stage.states(samples), shares=False, culprits=False
         )
-        lost = sees_all(boxes).sum(axis=1) < target.cameras
-        parts = stretches(timeline.observation.required[rows, loss.column] & lost)
+        uncovered = sees_all(boxes).sum(axis=1) < target.cameras
+        parts = stretches(timeline.observation.required[rows, worst.column] & uncovered)
         rows = rows[max(parts, key=lambda part: samples.t[part[-1]] - samples.t[part[0]])]
-        loss = _worst_lost(cell, analysis, rows)
+        worst = _worst_uncovered(cell, observed, rows)
     names = [camera.name for camera in cell.observer.cameras]
-    sees = sees_all(loss.boxes) & timeline.observation.required[loss.look, loss.column][:, None]
-    start, end = np.flatnonzero(loss.few)[[0, -1]].tolist()
+    sees = sees_all(worst.boxes) & timeline.observation.required[worst.look, worst.column][:, None]
+    start, end = np.flatnonzero(worst.few)[[0, -1]].tolist()
     before, after = (
         tuple(name for name, seen in zip(names, some.any(axis=0), strict=True) if seen)
         for some in (sees[:start], sees[end + 1 :])
     )
-    # Why each camera does not see the lost target, if it does not: its commonest first failing limit.
-    looked = np.flatnonzero(loss.few)[loss.lost]
-    first, _ = first_failing(loss.boxes, looked)
+    # Why each camera does not see the uncovered target, if it does not: its commonest first failing limit.
+    looked = np.flatnonzero(worst.few)[worst.uncovered]
+    first, _ = first_failing(worst.boxes, looked)
     causes = []
     for index, name in enumerate(names):
         missed: dict[tuple[int, int], list[float]] = defaultdict(list)
@@ -265,26 +267,26 @@ def explain_stretch(cell: Cell, analysis: Observed, rows: Indices) -> BlindStret
             cause, partly = Cause(code), sum(map(len, missed.values())) < len(looked)
             label, who, missing = cause.label, by_name(cell, cause, by), float(np.mean(figures))
             causes.append(CameraCause(camera=name, cause=label, by=who, figure=missing, partly=partly))
-    changed = _least_change(cell, analysis, loss, rows, causes)
+    changed = _least_change(cell, observed, worst, rows, causes)
     # A change that closes the gap comes first; else one who sees it before or after is nearest to seeing it.
     causes = sorted(
         (replace(cause, change=changed.get(cause.camera)) for cause in causes),
         key=lambda one: (one.change is None, one.partly, one.camera not in (*before, *after), -one.limit),
     )
-    blind = {cause.camera for cause in causes}
-    return BlindStretch(
+    not_seeing = {cause.camera for cause in causes}
+    return BlindSpot(
         start=float(timeline.samples.t[rows[0]]),
         end=float(timeline.samples.t[rows[-1]]),
-        atom=loss.target.atom,
+        atom=worst.target.atom,
         causes=tuple(causes),
-        seeing=tuple(name for name in names if name not in blind),
-        needed=loss.target.cameras,
+        seeing=tuple(name for name in names if name not in not_seeing),
+        needed=worst.target.cameras,
         before=before,
         after=after,
     )
 
 
-class _LostTarget(NamedTuple):
+class _UncoveredTarget(NamedTuple):
     """A target that is not covered in a run of samples, looked at in a few of them."""
 
     column: int
@@ -296,52 +298,51 @@ class _LostTarget(NamedTuple):
     """Which of these are in the run, shape (m,)."""
     boxes: tuple[BoxVerdicts, ...]
     """The verdicts on the target's boxes in these samples."""
-    lost: Mask
+    uncovered: Mask
     """In which of the few the target is required, and fewer cameras than needed see it."""
 
 
-def _worst_lost(cell: Cell, analysis: Observed, rows: Indices) -> _LostTarget:
-    """The target that is lost in most of a few samples of a run."""
-    count = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in analysis.planned.targets) else _LOOKS
+def _worst_uncovered(cell: Cell, observed: Observed, rows: Indices) -> _UncoveredTarget:
+    """The target that is uncovered in most of a few samples of a run."""
+    count = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in observed.planned.targets) else _LOOKS
     few = rows[sorted({*np.linspace(0, len(rows) - 1, count).round().astype(np.int64).tolist()})]
-    seen = analysis.timeline.observation
-    uncovered = seen.required & ~seen.covered
-    losses = []
-    for column in np.flatnonzero(uncovered[few].any(axis=0)).tolist():
-        others, target = np.flatnonzero(~uncovered[:, column]), analysis.planned.targets[column]
+    seen = observed.timeline.observation
+    found = []
+    for column in np.flatnonzero(seen.uncovered[few].any(axis=0)).tolist():
+        others, target = np.flatnonzero(~seen.uncovered[:, column]), observed.planned.targets[column]
         look = np.concatenate([others[others < few[0]][-1:], few, others[others > few[-1]][:1]])
-        states = analysis.planned.stage.states(analysis.timeline.samples.some(look))
+        states = observed.planned.stage.states(observed.timeline.samples.some(look))
         (boxes,) = cell.observer.verdicts([target], states, shares=False)
-        lost = seen.required[look, column] & (sees_all(boxes).sum(axis=1) < target.cameras)
+        uncovered = seen.required[look, column] & (sees_all(boxes).sum(axis=1) < target.cameras)
         inside = np.isin(look, few)
-        losses.append(_LostTarget(column, target, look, inside, boxes, lost[inside]))
-    return max(losses, key=lambda loss: loss.lost.sum())
+        found.append(_UncoveredTarget(column, target, look, inside, boxes, uncovered[inside]))
+    return max(found, key=lambda worst: worst.uncovered.sum())
 
 
 def _least_change(
-    cell: Cell, analysis: Observed, loss: _LostTarget, rows: Indices, causes: Sequence[CameraCause]
+    cell: Cell, observed: Observed, worst: _UncoveredTarget, rows: Indices, causes: Sequence[CameraCause]
 ) -> dict[str, CameraChange]:
     """The camera with the least turn, else the least move along its axis, that closes a gap; empty if none does.
 
     Whether enough cameras then see the target is asked of the observer, in all samples of the run `rows` in which too
     few do.
     """
-    target, limits = loss.target, {cause.camera: cause.limit for cause in causes}
+    target, limits = worst.target, {cause.camera: cause.limit for cause in causes}
     if not _CHANGED.intersection(limits.values()):
         return {}
-    seen = analysis.timeline.observation
-    rows = rows[seen.required[rows, loss.column] & ~seen.covered[rows, loss.column]]
-    states = analysis.planned.stage.states(analysis.timeline.samples.some(rows))
+    seen = observed.timeline.observation
+    rows = rows[seen.uncovered[rows, worst.column]]
+    states = observed.planned.stage.states(observed.timeline.samples.some(rows))
     others = dict.fromkeys(limits, np.zeros(len(rows), dtype=np.int64))
-    lost = np.ones(len(rows), dtype=bool)
+    uncovered = np.ones(len(rows), dtype=bool)
     if target.cameras > 1:
         (present,) = cell.observer.verdicts([target], states, shares=False, culprits=False)
         sees = sees_all(present)
-        lost = sees.sum(axis=1) < target.cameras
+        uncovered = sees.sum(axis=1) < target.cameras
         for number, camera in enumerate(cell.observer.cameras):
             others[camera.name] = sees.sum(axis=1) - sees[:, number]
     items = np.arange(len(rows)), np.zeros(len(rows), dtype=np.int64)
-    changes = _changes(cell.observer.projections, limits, target, states, lost)
+    changes = _changes(cell.observer.projections, limits, target, states, uncovered)
     for camera, change in sorted(changes, key=lambda one: (abs(one[1].back), one[1].angle))[:_TRIED]:
         missing = target.cameras - others[camera.name]
         turn = axis_rotation(1, np.radians(change.right)) @ axis_rotation(0, np.radians(change.up))
@@ -353,18 +354,18 @@ def _least_change(
 
 
 def _changes(
-    projections: Sequence[Projection], limits: Mapping[str, Cause], target: Target, states: SceneStates, lost: Mask
+    projections: Sequence[Projection], limits: Mapping[str, Cause], target: Target, states: SceneStates, uncovered: Mask
 ) -> Iterator[tuple[Camera, CameraChange]]:
-    """Least changes of cameras by the limits that they miss: what may let each see a target in the states `lost`.
+    """Least changes of cameras by the limits that they miss: what may let each see a target in the states `uncovered`.
 
     A turn brings the corners of all boxes within the image, a move brings them within the range.
     """
-    poses = [np.broadcast_to(states.box_poses(box), (len(lost), 4, 4))[lost] for box in target.boxes]
+    poses = [np.broadcast_to(states.box_poses(box), (len(uncovered), 4, 4))[uncovered] for box in target.boxes]
     corners = [transform(X, box_corners(box.size)) for X, box in zip(poses, target.boxes, strict=True)]
     every = np.concatenate(corners, axis=1)
     cameras = [one.camera for one in projections if limits.get(one.camera.name) in _CHANGED]
     X_WC = {camera.name: states.camera_poses(camera) for camera in cameras}
-    X_CW = {name: inverse(X if len(X) == 1 else X[lost]) for name, X in X_WC.items()}  # shape (m or 1, 4, 4) each
+    X_CW = {name: inverse(X if len(X) == 1 else X[uncovered]) for name, X in X_WC.items()}  # shape (m or 1, 4, 4) each
 
     def beyond(seen: Array, upper: Array, lower: Array) -> Array:
         """By how much angles are beyond those that each camera shows, shape (c, 1, 1) [rad]."""

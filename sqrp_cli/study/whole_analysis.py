@@ -69,7 +69,7 @@ def result_of_steps(candidate: Candidate, done: Sequence[CandidateResult]) -> Ca
         largest_gap=max((one.largest_gap for one in done if one.largest_gap is not None), default=None),
         remarks=tuple(f"{n}.{text}" for n, one in enumerate(done, 1) for text in one.remarks),
         verdict=" ".join(said),
-        loss=f"{step_said[0]}{worst.loss}",
+        blind_spot=f"{step_said[0]}{worst.blind_spot}",
         remedy=worst.remedy,
         why_late=max(done, key=lambda one: one.latest or 0.0).why_late,
         recalibrated=tuple(

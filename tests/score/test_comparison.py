@@ -106,23 +106,28 @@ def assessed(*, blind: float) -> CandidateResult:
     candidate = SimpleNamespace(name="g1", objects={"object": "g1"})
     slip = FaultMetrics(0.15 + blind / 2, 0.15 + blind, blind, 0.0, 20.0)
     without = CandidateResult.infeasible(candidate, ())
-    loss = "cam1 cannot see hold(g1) behind forearm_link"
+    blind_spot = "cam1 cannot see hold(g1) behind forearm_link"
     return replace(
-        without, feasible=True, loss=loss, time=9.0, faults={"slip": slip}, why_late="tool and part have to part"
+        without,
+        feasible=True,
+        blind_spot=blind_spot,
+        time=9.0,
+        faults={"slip": slip},
+        why_late="tool and part have to part",
     )
 
 
 @pytest.mark.parametrize(
-    ("blind", "loss", "says"),
+    ("blind", "blind_spot", "says"),
     [
         (2.0, "", "only after 2.15 s, expected at most 0.1 s: cam1 cannot see hold(g1)"),
         (0.0, "", "only after 0.15 s, expected at most 0.1 s: tool and part have to part"),
         (2.0, NOTHING_MISSING, "only after 2.15 s, expected at most 0.1 s: tool and part have to part"),
     ],
 )
-def test_a_delay_is_explained_by_what_hides_the_fault_or_by_what_takes_so_long(blind, loss, says):
+def test_a_delay_is_explained_by_what_hides_the_fault_or_by_what_takes_so_long(blind, blind_spot, says):
     found = assessed(blind=blind)
-    (sentence,) = shortcomings(replace(found, loss=loss or found.loss), EXPECTED, "")
+    (sentence,) = shortcomings(replace(found, blind_spot=blind_spot or found.blind_spot), EXPECTED, "")
     assert says in sentence
 
 

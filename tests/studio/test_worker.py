@@ -85,7 +85,7 @@ def test_a_camera_that_moves_is_sketched_as_if_all_were_looked_at_anew(explained
     camera = job.cell.workspace.cameras["cam1"]
     there = (camera.X_FC[:3, 3] + np.array([0.1, 0.05, 0.0])).tolist()
     move = Move(kind="camera", name="cam1", position=there)
-    cell = job.cell.seen_by(moved(job.cell.workspace, move))
+    cell = job.cell.with_cameras_of(moved(job.cell.workspace, move))
     assert sketch.seen_by(cell, "cam1") == sketch.seen_by(cell)
     assert sketch.seen_by(cell) != sketch.seen_by(job.cell)
 

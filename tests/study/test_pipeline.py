@@ -55,7 +55,7 @@ def test_steps_that_are_kept_for_a_cell_go_with_it(tabletop):
     world = cell.initial_world
     task = read_task(f"pickup g2 {STATED} then place g2 crate along=0 across=0", tabletop, world.facts)
     name, camera = next(iter(tabletop.cameras.items()))
-    other = cell.seen_by(replace(tabletop, cameras={name: camera}))
+    other = cell.with_cameras_of(replace(tabletop, cameras={name: camera}))
     RankJob(cell=other, world=world, sampling=FixedCount(5), wanted=WantedWay(fastest=True)).assess(task.candidates[0])
     assert other in pipeline._known[world]
     cells = len(pipeline._known[world])

@@ -20,7 +20,7 @@ from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.study.analysis import Analysis, analyse, analysed
 from sqrp_cli.study.blind_spans import cause_totals, sample_weights
 from sqrp_cli.study.sampling import Adaptive
-from sqrp_cli.study.verdict import BlindStretch, CameraCause, CameraChange, explain_stretch, stretches, with_verdict
+from sqrp_cli.study.verdict import BlindSpot, CameraCause, CameraChange, explain_blind_spot, stretches, with_verdict
 from sqrp_cli.task.task import read_task
 
 CANDIDATES = ("g1", "g2", "g3", "g4", "g5")
@@ -89,7 +89,7 @@ def test_a_cell_whose_only_camera_is_hidden_names_the_occluder(cell: Cell, analy
     ]
     row, index = hidden[0]
     alone = replace(cell, observer=Observer((cell.observer.cameras[index],), cell.observer.solids))
-    stretch = explain_stretch(alone, found, np.array([row]))
+    stretch = explain_blind_spot(alone, found, np.array([row]))
     assert stretch.causes[0].limit is Cause.HIDDEN
     assert stretch.causes[0].by in {*cell.model.links, *cell.workspace.objects}
     assert f"behind {stretch.causes[0].by}" in str(stretch)
@@ -105,12 +105,13 @@ def test_where_two_cameras_are_needed_each_is_reported_with_whether_it_sees_for_
     runs = list(stretches(observation.required[:, 0] & (sees.sum(axis=1) < 2)))
     longest = max(runs, key=len)
     rows = longest[:: 1 + len(longest) // 25]  # so few that all of them are looked at
-    part = SimpleNamespace(required=observation.required[:, :1], covered=sees.sum(axis=1)[:, None] >= 2)
+    required, covered = observation.required[:, :1], sees.sum(axis=1)[:, None] >= 2
+    part = SimpleNamespace(required=required, covered=covered, uncovered=required & ~covered)
     asked = SimpleNamespace(
         timeline=SimpleNamespace(samples=found.timeline.samples, observation=part),
         planned=SimpleNamespace(stage=found.planned.stage, targets=[replace(found.planned.targets[0], cameras=2)]),
     )
-    stretch = explain_stretch(cell, asked, rows)
+    stretch = explain_blind_spot(cell, asked, rows)
     share = dict(zip(cell.workspace.cameras, sees[rows].mean(axis=0), strict=True))
     partly = {camera for camera, seen in share.items() if 0.0 < seen < 1.0}
     assert partly
@@ -131,7 +132,7 @@ def test_a_literal_is_named_for_times_at_which_it_is_lost_itself(cell: Cell, ana
     seen = np.array([sees_all(boxes).any(axis=1) for boxes in matrix]).T
     lost = timeline.observation.required & ~seen
     every = np.flatnonzero(timeline.observation.blind)
-    stretch = explain_stretch(cell, found, every)
+    stretch = explain_blind_spot(cell, found, every)
     column = next(place for place, target in enumerate(found.planned.targets) if target.atom == stretch.atom)
     t = timeline.samples.t
     inside = timeline.monitored & (stretch.start <= t) & (t <= stretch.end)
@@ -143,7 +144,7 @@ def test_a_literal_is_named_for_times_at_which_it_is_lost_itself(cell: Cell, ana
 def test_a_camera_is_to_be_turned_only_where_that_was_tried() -> None:
     cause = CameraCause(camera="eye", cause="out_of_image", by="left", figure=0.0, partly=False)
     for turn, advice in ((None, ""), (CameraChange(-3.0), "turn eye 3 deg down")):
-        blind = BlindStretch(0.0, 1.0, Atom("seen"), (replace(cause, change=turn),), (), 1)
+        blind = BlindSpot(0.0, 1.0, Atom("seen"), (replace(cause, change=turn),), (), 1)
         assert "eye has seen outside its image (left)" in str(blind)
         assert blind.advice == advice
 
@@ -167,11 +168,11 @@ def test_what_would_help_does_help_in_the_changed_cell_and_all_else_is_said_to_b
     said = set[str]()
     for name, (camera, near, far) in product(names, ((c, *r) for c in CAMERAS for r in RANGES)):
         alone = replace(cell.workspace.cameras[camera], near=near, far=far)
-        before = cell.seen_by(replace(cell.workspace, cameras={camera: alone}))
+        before = cell.with_cameras_of(replace(cell.workspace, cameras={camera: alone}))
         found = analysed(before, analyses[name].planned, Adaptive(), full=False)
         if (rows := longest_blind(found)) is None:
             continue
-        stretch = explain_stretch(before, found, rows)
+        stretch = explain_blind_spot(before, found, rows)
         sentence = with_verdict(before, found, found.result).verdict
         change = stretch.causes[0].change if stretch.causes else None
         assert (f"It would help to {stretch.advice}." in sentence) == (change is not None)
@@ -188,7 +189,7 @@ def test_what_would_help_does_help_in_the_changed_cell_and_all_else_is_said_to_b
             X_CD[:3, :3] = axis_rotation(1, np.radians(change.right)) @ axis_rotation(0, np.radians(change.up))
         said.add(words[1] if words[1] == "turn" else words[5])
         changed = replace(alone, X_FC=alone.X_FC @ X_CD)
-        after = cell.seen_by(replace(cell.workspace, cameras={camera: changed}))
+        after = cell.with_cameras_of(replace(cell.workspace, cameras={camera: changed}))
         again = analysed(after, analyses[name].planned, Adaptive(), full=False).timeline
         column = [target.atom for target in again.request.targets].index(stretch.atom)
         inside = (stretch.start <= again.samples.t) & (again.samples.t <= stretch.end)
@@ -206,7 +207,7 @@ def test_the_camera_to_turn_closes_the_gap_and_none_does_with_less(
     timeline, cameras = found.timeline, np.array(list(cell.workspace.cameras))
     rows = longest_blind(found)
     assert rows is not None
-    stretch = explain_stretch(cell, found, rows)
+    stretch = explain_blind_spot(cell, found, rows)
     column = [target.atom for target in found.planned.targets].index(stretch.atom)
     states = found.planned.stage.states(timeline.samples)
 
