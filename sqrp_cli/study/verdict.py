@@ -1,6 +1,6 @@
 """The score of a candidate explained in a sentence or two.
 
-Which literal is not covered when, what keeps which camera from seeing it, who sees it before and after, and what would help.
+Which literal is not covered when, why each camera does not see it, who sees it before and after, and what would help.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ class CameraCause(Reason):
     partly: bool
     """Whether the camera sees the target for a part of the stretch."""
     change: CameraChange | None = None
-    """With which enough cameras see the target in all samples of the stretch in which it is not covered, if one was found."""
+    """With which enough cameras see the target wherever it is not covered in the stretch, if one was found."""
 
     def sentence(self, templates: dict[Cause, str], atom: Atom) -> str:
         """One of the sentences above about this camera."""
@@ -231,7 +231,7 @@ def stretches(blind: Mask) -> Iterator[Indices]:
 
 
 def explain_blind_spot(cell: Cell, observed: Observed, rows: Indices) -> BlindSpot:
-    """Which literal is not covered in a run of uncovered samples, and why; of several, the one in most of a few samples.
+    """Which literal is not covered in a run of uncovered samples, and why; of several, that in most of a few samples.
 
     Where that one is uncovered for a part of the run only, the blind spot is the longest such part.
     """
