@@ -34,7 +34,7 @@ ROOMS = {
     "task": ("task", 929),
     "motion": ("motion", 2_687),
     "sight": ("kernel sight", 1_464),
-    "study": ("study", 4_317),
+    "study": ("study", 4_320),
     "search": ("search", 4_284),
     "checks": ("checks", 1_239),
     "run": ("run", 7_311),
