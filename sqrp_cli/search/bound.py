@@ -40,7 +40,7 @@ class CameraBound:
         self._cell, self._steps, self._goal, self._index = cell, steps, goal, index
         if samples is None:
             every = [(step, step.timeline.samples) for step in steps]
-            samples = [some.some(_thinned(some, _wanted(goal, step, some))) for step, some in every]
+            samples = [some.some(_thinned(some, _about_goal(goal, step, some))) for step, some in every]
         self.samples = tuple(samples)
         self.targets = tuple(target for step in steps for target in step.planned.targets)
         self.states = states_of([step.planned.stage for step in steps], samples)
@@ -86,7 +86,7 @@ class CameraBound:
         """With samples at which other timelines of the same motions, one of each step, are not covered; or itself."""
         joined = []
         for step, samples, timeline in zip(self._steps, self.samples, timelines, strict=True):
-            wanted = _wanted(self._goal, step, timeline.samples)
+            wanted = _about_goal(self._goal, step, timeline.samples)
             lost = wanted[~timeline.covered[wanted]]
             found = timeline.samples.some(_thinned(timeline.samples, lost, MOST_SAMPLES // 4))
             known = set(zip(samples.piece.tolist(), samples.t.tolist(), strict=True))
@@ -149,7 +149,7 @@ class CameraBound:
         return good
 
 
-def _wanted(goal: Goal, step: Analysis, samples: Samples) -> Indices:
+def _about_goal(goal: Goal, step: Analysis, samples: Samples) -> Indices:
     """The samples that a goal is about."""
     wanted = np.zeros(len(samples), dtype=bool)
     if goal.q_avg is not None:

@@ -118,7 +118,8 @@ def margin(move: Move, change: ProposedChange) -> Margin:
     if not bounds.margins:
         lengths = np.linspace(0.0, size + MOST_MORE[change.unit], _MARGIN_STEPS)
     for away in (lengths[lengths > size], lengths[lengths < size][::-1]):
-        # The last of these lengths up to which all pass, and which is confirmed exactly.
+        # The last of these lengths up to which all pass, and which is confirmed exactly. After three that are not, the
+        # lengths that are left are halved each time.
         end = size
         for patient in (True, True, True, *(False for _ in away)):
             passed = int(np.argmin(np.append(move.passes(away[:, None] * unit), False)))
@@ -151,7 +152,7 @@ def least(move: Move, batches: Iterable[Array], seed: int, most: float = inf) ->
 
 
 def _first_of(move: Move, vectors: Array) -> tuple[Array | None, int]:
-    """The first of some vectors that does, and how many were decided that do not: `_DECIDED` at most.
+    """The first of some vectors that meets the goal, and how many before it were decided in vain: `_DECIDED` at most.
 
     Those make the bound on the next ones sharper, so few are tested at once as long as they pass.
     """
@@ -169,7 +170,7 @@ def _first_of(move: Move, vectors: Array) -> tuple[Array | None, int]:
 
 
 def _made_shorter(move: Move, found: Array, seed: int) -> Array:
-    """A local least vector that does, from one that does: shorter along its direction, then along others around it."""
+    """A local least vector that meets the goal, from one that does: shorter along its direction, then others around."""
     bounds, rng, spread = move.bounds, np.random.default_rng(seed), 0.5
     aside: Array | None = found
     shares = np.sort(bounds.shares)[:, None, None]
@@ -179,8 +180,8 @@ def _made_shorter(move: Move, found: Array, seed: int) -> Array:
             unit = aside / length
             while length - low > 0.1 * bounds.step:
                 middle = 0.5 * (low + length)
-                does = move.passes(middle * unit[None])[0] and move.meets(move.change(middle * unit))
-                low, length = (low, middle) if does else (middle, length)
+                met = move.passes(middle * unit[None])[0] and move.meets(move.change(middle * unit))
+                low, length = (low, middle) if met else (middle, length)
             found = length * unit
         elif (spread := 0.5 * spread) < 0.02:
             break

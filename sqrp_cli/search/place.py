@@ -50,7 +50,7 @@ _HALVINGS = 4  # how often the step is halved, at most
 
 _COMPARED = ("q_eoi", "q_avg", "time")  # the figures that tell whether `rank` takes a way with others
 
-_BOTH = attrgetter("q_eoi", "q_avg")
+_QUALITIES = attrgetter("q_eoi", "q_avg")
 
 Found = TypeVar("Found")
 
@@ -104,7 +104,7 @@ class CameraPlacer:
         if goal is not None and goal.delay is not None and any(way.planned.faults for way in table.ways):
             lenses = [*self.question.mounts.lenses.values(), *(table.options[option].lens for option in table.kept)]
             if goal.delay < min((lens.response for lens in lenses), default=0.0) - 1e-9:
-                return self._closest()  # a frame and the latency alone take longer
+                return self._nearest_to_goal()  # a frame and the latency alone take longer
         found = self._search(requirements)
         best_in_all = (
             found.selection is not None
@@ -120,16 +120,16 @@ class CameraPlacer:
                 enough = self._search(replace(requirements, most=None))
                 if enough.selection is not None:
                     return self._solution(enough, met=False)
-            return self._closest(proven=found.proven)
-        return self._at_least_some(found)
+            return self._nearest_to_goal(proven=found.proven)
+        return self._unless_blind(found)
 
-    def _closest(self, *, proven: bool = True) -> PlaceDocument:
+    def _nearest_to_goal(self, *, proven: bool = True) -> PlaceDocument:
         """What comes nearest to a goal that no choice meets. proven: whether it is certain that none does."""
         found = self._search(replace(self.question.requirements, goal=None))
         unseen = self.table.unseen(self.question.requirements.failure_tolerance, self.table.problem(0).shut)
-        return self._at_least_some(found, met=False, proven=proven, unseen=tuple(unseen))
+        return self._unless_blind(found, met=False, proven=proven, unseen=tuple(unseen))
 
-    def _at_least_some(self, found: SolveResult, **about: Any) -> PlaceDocument:  # noqa: ANN401 - see `_solution`
+    def _unless_blind(self, found: SolveResult, **about: Any) -> PlaceDocument:  # noqa: ANN401 - see `_solution`
         """The choice with the best mean, where no choice lifts the least quality above 0; none if that is 0, too."""
         if found.selection is None or found.value > 0.0 or self._stopped:
             return self._solution(found, **about)
@@ -207,7 +207,7 @@ class CameraPlacer:
             exact = with_delays(table.cell_with(cameras), watched, self.question.sampling)
             pairs = zip(selection.ways, exact, strict=True)
             late = {(selection.options, way) for way, one in pairs if not only.met(one.result)}
-        value = requirements.value([_BOTH(one.without_delays) for one in watched], table.weights)
+        value = requirements.value([_QUALITIES(one.without_delays) for one in watched], table.weights)
         return value, watched, late
 
     def _unless_stopped(self, step: Callable[[], Found], otherwise: Found) -> Found:
@@ -331,7 +331,7 @@ class CameraPlacer:
         @cache
         def quality(*options: int) -> float:
             watched = table.watched(map(table.camera_at, options), selection.ways)
-            return requirements.value([_BOTH(one.without_delays) for one in watched], table.weights)
+            return requirements.value([_QUALITIES(one.without_delays) for one in watched], table.weights)
 
         names = (name for number in count(1) if (name := f"cam{number}") not in self.question.keep)
         everyone, placed = (*selection.options, *table.kept), []
@@ -365,7 +365,7 @@ class CameraPlacer:
         before, after = ([analysis.result for analysis in some] for some in (analyses, better))
         kept = goal is None or all(goal.met(now) or not goal.met(then) for then, now in zip(before, after, strict=True))
         value = self.question.requirements.value
-        old, new = (value(map(_BOTH, some), table.weights) for some in (before, after))
+        old, new = (value(map(_QUALITIES, some), table.weights) for some in (before, after))
         return (tuple(moved), better) if kept and new > old + 2 * ROUNDED else (cameras, analyses)
 
     def _placed_candidates(

@@ -135,7 +135,7 @@ class Question:
     """The candidate without any change, as with `--ways fastest`; in its best way if that misses the goal alone."""
     goal: Goal
     aims: Mapping[str, Aim]  # what cameras look at, by name, where the workspace says so
-    listed: Callable[[], Sequence[TaskWays]]
+    affected: Callable[[], Sequence[TaskWays]]
     """The tasks that a change of the cell may affect, found out only when they are needed."""
     plans: Plans | None = None  # the ways of candidates, as far as they are planned
     kinds: Sequence[Kind] | None = None
@@ -202,7 +202,7 @@ class Start:
         """The tasks that a change of the cell may affect, with their ways as they are now."""
         asked = self.question
         found = list[tuple[str, list[AnalysedWay]]]()
-        for text, ways in asked.listed():
+        for text, ways in asked.affected():
             each = (whole_analysis(asked.cell, way, asked.world, asked.sampling, full=False) for way in ways)
             found.append((text, list(zip(ways, each, strict=True))))
         return found

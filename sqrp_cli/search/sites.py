@@ -62,7 +62,7 @@ def judged_way(cell: Cell, task: str, candidate: Candidate, planned: PlannedMoti
     return JudgedWay(planned, samples.some(rows), task=task, candidate=candidate, swept=swept)
 
 
-def varied(motions: Sequence[PlannedMotion]) -> tuple[list[PlannedMotion], PlannedMotion]:
+def ways_to_choose(motions: Sequence[PlannedMotion]) -> tuple[list[PlannedMotion], PlannedMotion]:
     """Some of the ways of a candidate: the fastest, that of the first grip, then that of each other branch of the arm.
 
     That of the first grip, which is named, too, is the way with `--ways fastest`: so a choice among them is never worse

@@ -31,7 +31,7 @@ from sqrp_cli.search.sites import (
     local_verdicts,
     middle_of,
     touching_pairs,
-    varied,
+    ways_to_choose,
 )
 from sqrp_cli.study.analysis import Observed, all_observed
 from sqrp_cli.study.fault_sights import least_fault_delays
@@ -106,7 +106,7 @@ class VisibilityTable:
                     named = InfeasibleCandidate(task=task.text, candidate=candidate.name, reason=why, found=none)
                     self.infeasible.append(named)
                     continue
-                (first, *others), of_first_grip = varied(motions)
+                (first, *others), of_first_grip = ways_to_choose(motions)
                 self.candidates.append((len(self.ways),))
                 self.ways.append(judged_way(cell, task.text, candidate, first))
                 self.others.append(others)
@@ -160,9 +160,9 @@ class VisibilityTable:
 
     def problem(self, failure_tolerance: int) -> Problem:
         """The problem of choosing, at the samples so far, if so many cameras may fail."""
-        # The mean of Q_eoi and Q_avg of all candidates with each option alone, in its best ways. Time between two
-        # samples counts as half of it is seen for each end that is. 0 where an option is in the way.
-        each = []
+        # Of each way the mean of Q_eoi and Q_avg with each option alone; then the best way of each candidate. Time between
+        # two samples counts as half of it is seen for each end that is. 0 where an option is in the way.
+        alone = []
         for way, sees, shut in zip(self.ways, self.sees, self._shut, strict=True):
             (sample, _), planned = way.items, way.planned
             covered = np.tile(np.any(way.required, axis=1), (len(sees), 1))
@@ -172,8 +172,8 @@ class VisibilityTable:
             parts = [(seen[:, planned.stage.of_interest(way.samples)[:-1]], planned.T_eoi), (seen, planned.T)]
             known = [part.sum(axis=1) / total for part, total in parts if total > 0]
             quality = np.mean(known, axis=0) if known else np.ones(len(sees))
-            each.append(np.where(np.append(shut, np.zeros(len(self.kept), dtype=bool))[self.site_of], 0.0, quality))
-        best = [np.max([each[way] for way in of_one], axis=0) for of_one in self.candidates]
+            alone.append(np.where(np.append(shut, np.zeros(len(self.kept), dtype=bool))[self.site_of], 0.0, quality))
+        best = [np.max([alone[way] for way in of_one], axis=0) for of_one in self.candidates]
         responses = np.array([option.lens.response for option in self.options])
         tiers, rows = tuple(np.unique(responses).tolist()), Rows()
         prices = np.array([option.site.entry.price + option.lens.price for option in self.options])

@@ -192,7 +192,7 @@ def _question(session: Session, ask: AdviseRequest) -> Question:
         results=results,
         goal=goal,
         aims={name: Aim(*map(read_only, aim)) for name, aim in stated.items() if aim is not None},
-        listed=lambda: _listed(session, results, best, ask.jobs),
+        affected=lambda: _listed(session, results, best, ask.jobs),
         plans=job.plans,
         kinds=ask.kinds,
         fixed=job.wanted.fastest,
