@@ -45,13 +45,7 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
             message = f"skill `{skill.name}`: no waypoint or primitive action uses the parameter `{name}`"
             mend, at = f"write `${name}` where it is meant, or remove it", skill.places.get(f"motion.{name}")
             findings.append(Problem("unused-parameter", message, at, severity="warning", mend=mend))
-    of_cells = (
-        _held_against_the_facts,
-        *cameras.CHECKS,
-        colors,
-        overlapping_objects,
-        floating_objects,
-    )
+    of_cells = (_held_against_the_facts, *cameras.CHECKS, colors, overlapping_objects, floating_objects)
     return (*findings, *(problem for check in of_cells for problem in check(workspace)))
 
 

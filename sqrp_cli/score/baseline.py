@@ -231,7 +231,7 @@ class Baseline(FileRecord):
 
 def seen(computer: Computer, score: TaskScore, way: CandidateResult) -> Coverage | None:
     """The coverage over time of a way of doing a task; None where it is infeasible or was not computed."""
-    outcome = computer.outcome(replace(score.wanted, candidate=way.way, coverage=True))
+    outcome = computer.outcome(replace(score.request, candidate=way.way, coverage=True))
     return outcome.coverage if isinstance(outcome, Outcome) else None
 
 

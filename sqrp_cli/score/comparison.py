@@ -37,10 +37,10 @@ SHORTEST_LOSS = 0.01  # shorter losses are not reported [s]
 def look_up(ways: Iterable[tuple[TaskScore, CandidateResult]], computer: Computer, progress: Progress) -> None:
     """Compute the coverage of feasible ways, each with its task. Raises InputError where results cannot be kept."""
     pairs = [(one, way) for one, way in ways if way.rank is not None]
-    wanted = [replace(one.wanted, candidate=way.way, coverage=True) for one, way in pairs]
-    if wanted:
-        with progress("Looking up causes", len(wanted)) as advance:
-            computer.compute(wanted, advance)
+    requests = [replace(one.request, candidate=way.way, coverage=True) for one, way in pairs]
+    if requests:
+        with progress("Looking up causes", len(requests)) as advance:
+            computer.compute(requests, advance)
 
 
 def compare_with(

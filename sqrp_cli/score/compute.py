@@ -102,7 +102,7 @@ class Means:
 
 
 @dataclass(frozen=True, eq=False)
-class Wanted:
+class ScoreRequest:
     """A request for the figures of a candidate."""
 
     workspace: Workspace
@@ -134,14 +134,14 @@ class Computer:
     pool: Pool[Job, Answer] | None = None  # the processes, once there are any
     problems: dict[str, tuple[Problem, ...]] = field(default_factory=dict)  # of what cannot be computed, by key
 
-    def compute(self, wanted: Sequence[Wanted], advance: Callable[[int], None]) -> None:
+    def compute(self, requests: Sequence[ScoreRequest], advance: Callable[[int], None]) -> None:
         """Make every candidate available to `outcome`; `advance` is called with the number of finished ones.
 
         At Ctrl-C what other processes are at is finished and kept, then KeyboardInterrupt is raised. Raises InputError
         if results cannot be kept.
         """
         means = self.means
-        missing = {self._key(one): one for one in wanted if self.outcome(one) is None}
+        missing = {self._key(one): one for one in requests if self.outcome(one) is None}
         workspaces = {id(one.workspace): one.workspace for one in missing.values()}
         bytes_of = {name: packed(workspace) for name, workspace in workspaces.items()}
         jobs = [
@@ -154,7 +154,7 @@ class Computer:
             for one in missing.values()
         ]
         keys, alone = list(missing), means.cluster is None and means.jobs < 2
-        advance(len(wanted) - len(missing))
+        advance(len(requests) - len(missing))
         if jobs and not alone and means.cluster is None and self.pool is None:
             # A job carries its workspace: a second one would wait in the pipe.
             self.pool = Pool(means.jobs, forked(), partial, run_job, deadline=COMPUTED_WITHIN, ahead=0)
@@ -183,20 +183,20 @@ class Computer:
                     self.failed += 1
                 advance(1)
 
-    def outcome(self, wanted: Wanted) -> Outcome | list[Problem] | None:
+    def outcome(self, request: ScoreRequest) -> Outcome | list[Problem] | None:
         """The outcome of a candidate, or why it cannot be computed, if either is known.
 
         A damaged file is as good as none.
         """
-        key = self._key(wanted)
+        key = self._key(request)
         text = self.results.get(key)
         with suppress(ValueError):
             if text is not None:
-                return Outcome.from_text(text, wanted.candidate)
+                return Outcome.from_text(text, request.candidate)
         return list(self.problems[key]) if key in self.problems else None
 
-    def _key(self, wanted: Wanted) -> str:
-        candidate, sampling = wanted.candidate, self.means.sampling
+    def _key(self, request: ScoreRequest) -> str:
+        candidate, sampling = request.candidate, self.means.sampling
         vias = {name: via.tolist() for name, via in candidate.vias.items()}
-        how = [type(sampling).__name__, asdict(sampling), self.means.seed, wanted.coverage]
-        return key_of(wanted.content, candidate.skill.name, list(candidate.parameters.items()), vias, *how)
+        how = [type(sampling).__name__, asdict(sampling), self.means.seed, request.coverage]
+        return key_of(request.content, candidate.skill.name, list(candidate.parameters.items()), vias, *how)

@@ -192,8 +192,8 @@ class TaskScore(Record):
     """What changed since the baseline; null without a baseline, or after an error."""
     ways: Mapping[str, CandidateResult] = live(factory=dict)
     """The best candidate for every choice of objects, by `way_name`; infeasible where none of them is feasible."""
-    wanted: Any = live()
-    """The `Wanted` of its first candidate, from which those of its ways are made."""
+    request: Any = live()
+    """The `ScoreRequest` of its first candidate, from which those of its ways are made."""
 
     @property
     def named(self) -> str:

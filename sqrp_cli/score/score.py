@@ -16,7 +16,7 @@ from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.figures import falls_short
 from sqrp_cli.platform.processes import Progress
 from sqrp_cli.records import dataclass
-from sqrp_cli.score.compute import Computer, Wanted
+from sqrp_cli.score.compute import Computer, ScoreRequest
 from sqrp_cli.score.result import Scorecard, TaskScore
 from sqrp_cli.search.suggestion import with_first_steps
 from sqrp_cli.shown import shown_name
@@ -32,7 +32,7 @@ class ScoredTask:
     """A task that a workspace lists."""
 
     expected: ExpectedTask
-    wanted: tuple[Wanted, ...] = ()  # its candidates, to be computed; none if the text cannot be read
+    requests: tuple[ScoreRequest, ...] = ()  # its candidates, to be computed; none if the text cannot be read
     problems: tuple[Problem, ...] = ()  # why the text cannot be read
 
 
@@ -46,9 +46,9 @@ class ScoredCell:
     problems: tuple[Problem, ...] = ()
 
     @property
-    def wanted(self) -> tuple[Wanted, ...]:
+    def requests(self) -> tuple[ScoreRequest, ...]:
         """The candidates of all its tasks, to be computed."""
-        return tuple(want for task in self.tasks for want in task.wanted)
+        return tuple(request for task in self.tasks for request in task.requests)
 
 
 def read_cell(file: Path, name: str, content: bytes | None = None) -> ScoredCell:
@@ -77,7 +77,8 @@ def read_cell(file: Path, name: str, content: bytes | None = None) -> ScoredCell
         skills = tuple(dict.fromkeys(step.skill.name for step in steps))
         if skills not in contents:
             contents[skills] = digest_of_values(with_skills(workspace.canonical_values, skills))
-        tasks.append(ScoredTask(expected, tuple(Wanted(workspace, contents[skills], one) for one in task.candidates)))
+        requests = (ScoreRequest(workspace, contents[skills], one) for one in task.candidates)
+        tasks.append(ScoredTask(expected, tuple(requests)))
     return ScoredCell(name, workspace, tuple(tasks), problems)
 
 
@@ -134,10 +135,10 @@ def score_cells(cells: Sequence[ScoredCell], computer: Computer, progress: Progr
 
     Raises InputError where results cannot be kept.
     """
-    wanted, interrupted = [want for cell in cells for want in cell.wanted], False
+    requests, interrupted = [request for cell in cells for request in cell.requests], False
     try:
-        with progress("Scoring", len(wanted)) as advance:
-            computer.compute(wanted, advance)
+        with progress("Scoring", len(requests)) as advance:
+            computer.compute(requests, advance)
     except KeyboardInterrupt:
         interrupted = True
     results: list[TaskScore] = []
@@ -155,8 +156,8 @@ def score_cells(cells: Sequence[ScoredCell], computer: Computer, progress: Progr
 def _task_score(workspace: str, task: ScoredTask, computer: Computer) -> TaskScore | None:
     """The score of a task, if each of its candidates is computed, or cannot be."""
     text, results, problems = task.expected.task, [], list(task.problems)
-    for want in task.wanted:
-        outcome = computer.outcome(want)
+    for request in task.requests:
+        outcome = computer.outcome(request)
         if outcome is None:
             return None
         if isinstance(outcome, list):
@@ -179,7 +180,7 @@ def _task_score(workspace: str, task: ScoredTask, computer: Computer) -> TaskSco
         reasons=reasons,
         best=best,
         ways=ways,
-        wanted=task.wanted[0],
+        request=task.requests[0],
     )
 
 
@@ -205,8 +206,7 @@ def shortcomings(best: CandidateResult | None, expected: ExpectedTask, why_none:
     name, lost, said = best.candidate.name, best.blind_spot, list[str]()
     if expected.feasible is False:
         said.append(f"{name} can be done, but no candidate was expected to be")
-    qualities = (("Q_eoi", best.q_eoi, expected.min_q_eoi), ("Q_avg", best.q_avg, expected.min_q_avg))
-    for label, quality, least in qualities:
+    for label, quality, least in (("Q_eoi", best.q_eoi, expected.min_q_eoi), ("Q_avg", best.q_avg, expected.min_q_avg)):
         if least is not None and quality is None:
             said.append(f"{label} of {name} is undefined, expected at least {100 * least:g} %")
         elif least is not None and quality is not None and falls_short(quality, least):

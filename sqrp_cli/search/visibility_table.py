@@ -160,8 +160,8 @@ class VisibilityTable:
 
     def problem(self, failure_tolerance: int) -> Problem:
         """The problem of choosing, at the samples so far, if so many cameras may fail."""
-        # Of each way the mean of Q_eoi and Q_avg with each option alone; then the best way of each candidate. Time between
-        # two samples counts as half of it is seen for each end that is. 0 where an option is in the way.
+        # Of each way the mean of Q_eoi and Q_avg with each option alone, 0 where that is in the way. Time between two
+        # samples counts as half of it is seen for each end that is. Then the best way of each candidate.
         alone = []
         for way, sees, shut in zip(self.ways, self.sees, self._shut, strict=True):
             (sample, _), planned = way.items, way.planned

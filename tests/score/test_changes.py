@@ -28,7 +28,7 @@ def changes(cell: Path) -> list[str]:
         baseline = Baseline.of([before], [], computer)
     record = baseline.workspaces["cell"]
     found = workspace_changes(record.digest, record.files, baseline.fields, now.workspace)
-    same = [one.content for one in now.wanted] == [one.content for one in before.wanted]
+    same = [one.content for one in now.requests] == [one.content for one in before.requests]
     assert not (found and same), found
     return [str(change) for change in found]
 

@@ -118,7 +118,7 @@ def narrow(degrees: int) -> ScoredCell:
 
 @pytest.fixture(scope="module")
 def outcome() -> Outcome:
-    first = narrow(24).wanted[0]
+    first = narrow(24).requests[0]
     with open_computer(Means(Adaptive())) as computer:
         computer.compute([first], lambda _: None)
         best = computer.outcome(first)

@@ -14,7 +14,7 @@ from sqrp_cli.cell.workspace_file import read_again
 from sqrp_cli.errors import bad_input, bad_option, expected_names
 from sqrp_cli.files.yaml_edit import patch
 from sqrp_cli.score.kept import Results
-from sqrp_cli.score.looks import cluster_verdicts, kept_verdicts
+from sqrp_cli.score.mount_views import cluster_verdicts, kept_verdicts
 from sqrp_cli.search.goal import Goal, read_goal
 from sqrp_cli.search.place import CameraPlacer
 from sqrp_cli.search.placing_problem import Requirements

@@ -132,9 +132,9 @@ def _scored(
                     note(f"{cell.name} lists no tasks")
             findings = score_cells(cells, computer, progress)
             for cell in cells:
-                outcomes = map(computer.outcome, cell.wanted)
+                outcomes = map(computer.outcome, cell.requests)
                 print_problems(intervals_outside(one.result for one in outcomes if isinstance(one, Outcome)))
-            total, failed = sum(len(cell.wanted) for cell in cells), computer.failed
+            total, failed = sum(len(cell.requests) for cell in cells), computer.failed
             counted = [f"{computer.computed} of {total} candidates were computed"]
             counted += [f"{failed} could not be"] if failed else []
             if findings.interrupted:
@@ -230,8 +230,8 @@ def _vary(
     with open_computer(means) as computer:
         shape = None if draws is not None else tuple(variation.count or 1 for variation in variations)
         found = sweep(document, read, shape, computer, progress)
-        wants = [want for *_, cell in read for want in cell.wanted]
-        results = [one.result for one in map(computer.outcome, wants) if isinstance(one, Outcome)]
+        asked = [one for *_, cell in read for one in cell.requests]
+        results = [one.result for one in map(computer.outcome, asked) if isinstance(one, Outcome)]
     print_problems(problem for problem in read[0][2].problems if problem.severity == "warning")
     print_problems(intervals_outside(results))
     if found.interrupted:
