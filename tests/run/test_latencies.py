@@ -182,3 +182,14 @@ def test_the_log_tells_what_is_known_of_a_time_again_where_a_late_image_changes_
     list(watched({"a": (10.0, 0.05), "b": (10.0, 0.05)}, lambda *_: T, events=events))
     exposed = [event.exposed for event in events]
     assert exposed == sorted(set(exposed))
+
+
+def test_what_the_robot_does_follows_from_what_happened():
+    publisher, looked = EventPublisher([]), {"boxes": {}}
+    for kind, fields, doing in (
+        ("primitive", {"name": "a4"}, "a4"),
+        ("stopping", {}, "stops"),
+        ("step", looked, "looks"),
+    ):
+        publisher.publish(kind, 1.0, **fields)
+        assert publisher.doing == doing

@@ -91,6 +91,8 @@ def _folder(name: str) -> Path:
     return Path(spec.origin).parent
 
 
+# The text of a page
+
 DIGITS = 6  # decimals that figures keep: micrometres and microseconds
 _UNSEEN = ("Cc", "Cf", "Co", "Cs", "Zl", "Zp")  # unicode categories of invisible characters that change a line
 
@@ -164,6 +166,8 @@ def asset(name: str, package: str = "sqrp_cli.show.pages") -> str:
     """A script, style or template of the pages."""
     return resources.files(package).joinpath("browser", name).read_text(encoding="utf-8")
 
+
+# What a page shows
 
 FigureShown = tuple[str, str, str]
 """A figure of a row: its name, its value with its unit, and the word of the page's list that says what it is."""

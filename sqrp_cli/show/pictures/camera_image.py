@@ -74,6 +74,8 @@ def check_rays() -> None:
         import embreex.rtcore_scene  # noqa: F401
 
 
+# Through a lens
+
 CLOSE = 1e-2  # greatest distance of a projected direction from its pixel [pixels]
 
 _ITERATIONS = 25
@@ -114,6 +116,8 @@ def directions(projection: Projection, pixels: Array) -> tuple[Array, NDArray[np
     unit = rays(plane)
     return unit / np.linalg.norm(unit, axis=1, keepdims=True), shown
 
+
+# Pictures
 
 Image = NDArray[np.uint8]  # rows of pixels, shape (height, width, 3)
 

@@ -53,10 +53,10 @@ def print_check(found: Check) -> None:
     say(f"{found.task} in {found.workspace}: {len(feasible)} of {count} candidates can be done{at_once}\n")
     shown = feasible
     if len(feasible) > MOST_ROWS:  # the fastest for each choice of objects, the first of them
-        fastest: dict[tuple[str, ...], int] = {}
-        for place in sorted(range(len(feasible)), key=lambda place: feasible[place].time or 0.0):
-            fastest.setdefault(tuple(feasible[place].objects.values()), place)
-        shown = [feasible[place] for place in sorted(fastest.values())[:MOST_ROWS]]
+        fastest: dict[tuple[str, ...], str] = {}
+        for one in sorted(feasible, key=lambda one: one.time or 0.0):
+            fastest.setdefault(tuple(one.objects.values()), one.name)
+        shown = [one for one in feasible if one.name in fastest.values()][:MOST_ROWS]
     if feasible:
         rows = [(one.name, f"{one.time:.2f}" if one.time is not None else "") for one in shown]
         print_table([Column("candidate"), Column("motion [s]", right=True)], rows)
@@ -70,9 +70,10 @@ def print_check(found: Check) -> None:
         for one in found.candidates
         if not one.feasible
     )
-    around = [f"{one.name}: {', '.join(one.remarks)}" for one in shown if one.remarks]
-    for number, line in enumerate(around):
-        say(f"\n{line}" if number == 0 else line)
+    if remarks := [f"{one.name}: {', '.join(one.remarks)}" for one in shown if one.remarks]:
+        say()
+    for line in remarks:
+        say(line)
 
 
 def print_suggested(suggested: Sequence[PlannedStep]) -> None:

@@ -40,11 +40,11 @@ def print_ranking(found: Ranking, *, all_rows: bool = False) -> None:
     if feasible:
         shown: Sequence[CandidateResult] = feasible
         if len(feasible) > MOST_ROWS and not all_rows:
-            best: dict[tuple[str, ...], int] = {}
-            for place, one in enumerate(feasible):
-                best.setdefault(tuple(one.objects.values()), place)
-            named = {0, 1, len(feasible) - 1}
-            shown = [feasible[place] for place in sorted(named.union(list(best.values())[:MOST_ROWS]))]
+            best: dict[tuple[str, ...], str] = {}
+            for one in feasible:
+                best.setdefault(tuple(one.objects.values()), one.name)
+            named = {one.name for one in (*feasible[:2], feasible[-1])}.union(list(best.values())[:MOST_ROWS])
+            shown = [one for one in feasible if one.name in named]
         _print_feasible(feasible, shown)
         say_assumed(found.assumed if feasible[0].faults else "")
         if (drawn := found.calibration) is not None:

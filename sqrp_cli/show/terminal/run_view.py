@@ -352,7 +352,7 @@ def print_audit(found: AuditDocument) -> None:
         when = f"{abs(after):,.0f} s {'after' if after > 0 else 'before'} the robot's motion"
         say(f"All images of {name} are, by their stamps, {when} or more: its clock is not the robot's.", "red")
     if found.missing:
-        them = "them" if found.missing[1:] else "it"
+        them = "them" if len(found.missing) > 1 else "it"
         said = f"There are no images of {listed(found.missing)}: what was predicted of {them} is left out."
         if topics := found.other_topics:  # whose images may be theirs
             said += f" Images of no camera are on {first_names(topics)}: --topic {found.missing[0]}={topics[0]}"
