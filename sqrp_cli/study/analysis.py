@@ -168,12 +168,7 @@ def analysed(cell: Cell, planned: PlannedMotion, sampling: Sampling, *, full: bo
 
 
 def all_observed(
-    cell: Cell,
-    motions: Sequence[PlannedMotion],
-    sampling: Sampling,
-    *,
-    full: bool,
-    bars: Array | None = None,
+    cell: Cell, motions: Sequence[PlannedMotion], sampling: Sampling, *, full: bool, bars: Array | None = None
 ) -> list[Observed]:
     """What the cameras of a cell see of each of several motions; nothing of delays yet. bars: see `observe`."""
     for planned in motions:

@@ -91,9 +91,7 @@ def sample_weights(analysis: Analysis) -> Array:
 _Ends = Annotated[
     TimeInterval,
     SerializedAs(
-        tuple[Seconds, Seconds],
-        lambda ends: TimeInterval(*ends),
-        lambda one: (round(one.start, 3), round(one.end, 3)),
+        tuple[Seconds, Seconds], lambda ends: TimeInterval(*ends), lambda one: (round(one.start, 3), round(one.end, 3))
     ),
 ]
 """A file has start and end of a stretch, to 1 ms."""
@@ -158,13 +156,10 @@ def coverage_of(cell: Cell, analysis: Analysis) -> Coverage:
 
     Between neighbouring samples of equal verdict that verdict holds; between others the target counts as not seen.
     """
-    observation, samples, pieces = (
-        analysis.timeline.observation,
-        analysis.timeline.samples,
-        analysis.planned.stage.pieces,
-    )
+    planned, observation, samples = analysis.planned, analysis.timeline.observation, analysis.timeline.samples
+    pieces = planned.stage.pieces
     targets = {}
-    for column, (target, boxes) in enumerate(zip(analysis.planned.targets, observation.full_matrix, strict=True)):
+    for column, (target, boxes) in enumerate(zip(planned.targets, observation.full_matrix, strict=True)):
         rows = np.flatnonzero(observation.required[:, column])
         numbers = dict.fromkeys(samples.piece[rows].tolist())
         required = merge(TimeInterval(pieces[number].start, pieces[number].end) for number in numbers)
@@ -185,7 +180,7 @@ def coverage_of(cell: Cell, analysis: Analysis) -> Coverage:
                     spans.append((TimeInterval(start, end), Reason(cause=cause.label, by=by_name(cell, cause, by))))
             blind[camera.name] = tuple(spans)
         targets[str(target.atom)] = TargetCoverage(target.cameras, required, blind)
-    return Coverage({primitive.name: primitive.end for primitive in analysis.planned.motion.primitives}, targets)
+    return Coverage({primitive.name: primitive.end for primitive in planned.motion.primitives}, targets)
 
 
 def coverage_of_steps(steps: Sequence[Coverage]) -> Coverage:

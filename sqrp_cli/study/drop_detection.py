@@ -245,20 +245,21 @@ def _shown(
     drops = _Drops(name, t, times, states, free)
     judges, seen = _judges(stage, observer, drops, [*left, *reached], places)
     some = np.any(list(judges.values()), axis=0)
-    alone, until, since, *there = _first_shown(stage, observer, drops, some, left[0], seen, reached)
+    surely, unheld, usually, *there = _first_shown(stage, observer, drops, some, left[0], seen, reached)
     x, judge = t, np.any([judges[box] for box in left], axis=0)
-    judging = np.where(judge, alone, -np.inf)
-    usual = majority_time(np.where(judge, until, -np.inf), np.where(judge, since, np.inf), needed[left[0]])
+    judging = np.where(judge, surely, -np.inf)
+    unheld, usually = np.where(judge, unheld, -np.inf), np.where(judge, usually, np.inf)
+    together = majority_time(unheld, usually, needed[left[0]])
     for (box, X_WB), shown in zip(reached.items(), there, strict=True):
         half, judge = 0.5 * np.array(box.size), judges[box]
         x = np.maximum(x, t + _first((half[:, None, None] - np.abs(_in_box(X_WB, free))).min(axis=0)))
-        alone, judging = np.maximum(alone, shown), np.maximum(judging, np.where(judge, shown, -np.inf))
+        surely, judging = np.maximum(surely, shown), np.maximum(judging, np.where(judge, shown, -np.inf))
         until, since = (np.where(judge, shown, other) for other in (-np.inf, np.inf))
-        usual = np.maximum(usual, majority_time(until, since, needed[box]))
+        together = np.maximum(together, majority_time(until, since, needed[box]))
     latest = stage.motion.time + _NEVER
-    slowest_of_all = alone.max(axis=0, initial=-np.inf)
-    x, judging, slowest_of_all, usual = (np.minimum(one, latest) for one in (x, judging, slowest_of_all, usual))
-    return x, judging, slowest_of_all, usual
+    slowest_of_all = surely.max(axis=0, initial=-np.inf)
+    x, judging, slowest_of_all, together = (np.minimum(one, latest) for one in (x, judging, slowest_of_all, together))
+    return x, judging, slowest_of_all, together
 
 
 class _Drops(NamedTuple):

@@ -96,12 +96,10 @@ class RankJob:
         seen = whole_observed(self.cell, known.way, self.world, self.sampling, full=False)
         if isinstance(seen, Infeasible):
             raise ValueError(f"{known.candidate.name} was feasible a moment ago")
-        parts = known.steps or (known,)
-        done = tuple(with_verdict(self.cell, one, part) for one, part in zip(seen, parts, strict=True))
-        if not known.steps:
-            return done[0]
-        whole = result_of_steps(known.candidate, done)
-        return replace(known, verdict=whole.verdict, blind_spot=whole.blind_spot, remedy=whole.remedy, steps=done)
+        parts = zip(seen, known.steps or (known,), strict=True)
+        steps = [with_verdict(self.cell, one, part) for one, part in parts]
+        said = result_of_steps(known.candidate, steps) if known.steps else steps[0]
+        return replace(known, verdict=said.verdict, blind_spot=said.blind_spot, remedy=said.remedy)
 
     def steps_done(self, candidate: Candidate) -> list[tuple[CandidateResult, World]]:
         """The steps of a candidate of several, each in its wanted way, with the world that those before it leave.

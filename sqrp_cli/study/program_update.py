@@ -104,10 +104,7 @@ def make_step(task: str, analysis: Analysis, result: CandidateResult, cameras: t
             seen={name: _intervals(t, sees[:, index]) for index, name in enumerate(cameras)},
         )
     sights = {
-        fault: record.ProgramSight(
-            windows=tuple(windows),
-            onsets=tuple(analysis.onsets[fault]),
-        )
+        fault: record.ProgramSight(windows=tuple(windows), onsets=tuple(analysis.onsets[fault]))
         for fault, windows in analysis.windows.items()
     }
     primitives = tuple(

@@ -12,8 +12,8 @@ from sqrp_cli.study.result import CandidateResult, Criterion
 _Figure = Callable[[CandidateResult], float | None]
 """A figure of a candidate by which it may be ranked; None where it is undefined."""
 
-_TIME_DECIMALS = 6
-"""Times equal to this many decimals of a second count as equal: the rest is rounding."""
+_DECIMALS = 6
+"""Figures equal to this many decimals count as equal, times in seconds: the rest is rounding."""
 
 QUALITY_STEP = 1e-3
 """Qualities are compared rounded to this (0.1 points), the accuracy of bisection."""
@@ -53,7 +53,7 @@ def _compared(feasible: Sequence[CandidateResult], by: Criterion) -> list[list[f
     """The figures of each as they are compared in order, the least the best: all that none of them lacks."""
     columns: list[_Figure] = [_CRITERIA[by], _CRITERIA["q_avg"], _CRITERIA["time"], lambda one: one.latest]
     known = [column for column in columns if all(column(one) is not None for one in feasible)]
-    return [[compared_time(column(one) or 0.0) for column in known] for one in feasible]
+    return [[round(column(one) or 0.0, _DECIMALS) for column in known] for one in feasible]
 
 
 def winners(feasible: Sequence[CandidateResult], by: Criterion) -> Counter[str]:
@@ -69,8 +69,8 @@ def compared_quality(quality: float | None) -> float:
 
 
 def compared_time(seconds: float) -> float:
-    """A time as it is compared [s]; a quality that is rounded already stays as it is."""
-    return round(seconds, _TIME_DECIMALS)
+    """A time as it is compared [s]."""
+    return round(seconds, _DECIMALS)
 
 
 def _longest(one: CandidateResult, times: Iterable[float | None]) -> float | None:
@@ -104,7 +104,7 @@ def _undominated(one: CandidateResult, others: Sequence[CandidateResult]) -> boo
     criteria: tuple[Criterion, ...] = ("q_avg", "q_eoi", "time")
     for other in others:
         figures = ((_CRITERIA[name](other), _CRITERIA[name](one)) for name in criteria)
-        pairs = [(compared_time(a), compared_time(b)) for a, b in figures if a is not None and b is not None]
+        pairs = [(round(a, _DECIMALS), round(b, _DECIMALS)) for a, b in figures if a is not None and b is not None]
         if all(a <= b for a, b in pairs) and any(a < b for a, b in pairs):
             return False
     return True

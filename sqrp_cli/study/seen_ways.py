@@ -21,14 +21,7 @@ from sqrp_cli.motion.timing import MotionLimits
 from sqrp_cli.records import dataclass
 from sqrp_cli.skill.skill import HOME
 from sqrp_cli.study.analysis import Analysis, analyse
-from sqrp_cli.study.move_search import (
-    COST_DECIMALS,
-    EXACTLY,
-    SETTLED,
-    MoveSearch,
-    SeenPath,
-    exchange,
-)
+from sqrp_cli.study.move_search import COST_DECIMALS, EXACTLY, SETTLED, MoveSearch, SeenPath, exchange
 from sqrp_cli.study.observation import look_at
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.result import BlindEnd

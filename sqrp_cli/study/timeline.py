@@ -134,12 +134,7 @@ class SampledMotion:
 
 
 def observe(
-    request: ObservationRequest,
-    observer: Observer,
-    sampling: Sampling,
-    *,
-    full: bool,
-    bars: Array | None = None,
+    request: ObservationRequest, observer: Observer, sampling: Sampling, *, full: bool, bars: Array | None = None
 ) -> Timeline:
     """Sample a motion and, if the sampling is adaptive, bisect every transition of the coverage.
 

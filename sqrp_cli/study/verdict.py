@@ -235,12 +235,10 @@ def explain_blind_spot(cell: Cell, observed: Observed, rows: Indices) -> BlindSp
 
     Where that one is uncovered for a part of the run only, the blind spot is the longest such part.
     """
-    worst, timeline = _worst_uncovered(cell, observed, rows), observed.timeline
+    worst, planned, timeline = _worst_uncovered(cell, observed, rows), observed.planned, observed.timeline
     if not worst.uncovered.all():
         samples, target = timeline.samples.some(rows), worst.target
-        (boxes,) = cell.observer.verdicts(
-            [target], observed.planned.stage.states(samples), shares=False, culprits=False
-        )
+        (boxes,) = cell.observer.verdicts([target], planned.stage.states(samples), shares=False, culprits=False)
         uncovered = sees_all(boxes).sum(axis=1) < target.cameras
         parts = stretches(timeline.observation.required[rows, worst.column] & uncovered)
         rows = rows[max(parts, key=lambda part: samples.t[part[-1]] - samples.t[part[0]])]
@@ -304,14 +302,15 @@ class _UncoveredTarget(NamedTuple):
 
 def _worst_uncovered(cell: Cell, observed: Observed, rows: Indices) -> _UncoveredTarget:
     """The target that is uncovered in most of a few samples of a run."""
-    count = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in observed.planned.targets) else _LOOKS
+    planned, timeline = observed.planned, observed.timeline
+    count = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in planned.targets) else _LOOKS
     few = rows[sorted({*np.linspace(0, len(rows) - 1, count).round().astype(np.int64).tolist()})]
-    seen = observed.timeline.observation
+    seen = timeline.observation
     found = []
     for column in np.flatnonzero(seen.uncovered[few].any(axis=0)).tolist():
-        others, target = np.flatnonzero(~seen.uncovered[:, column]), observed.planned.targets[column]
+        others, target = np.flatnonzero(~seen.uncovered[:, column]), planned.targets[column]
         look = np.concatenate([others[others < few[0]][-1:], few, others[others > few[-1]][:1]])
-        states = observed.planned.stage.states(observed.timeline.samples.some(look))
+        states = planned.stage.states(timeline.samples.some(look))
         (boxes,) = cell.observer.verdicts([target], states, shares=False)
         uncovered = seen.required[look, column] & (sees_all(boxes).sum(axis=1) < target.cameras)
         inside = np.isin(look, few)

@@ -45,8 +45,9 @@ def analysis_shown(
     """
     if analysis is None:
         return ExplainedCandidate(**vars(found))
+    planned = analysis.planned
     views = None if brief else hidden_views(cell, analysis)
-    literals = dict.fromkeys(literal for formula in analysis.planned.formulas for literal in formula.literals)
+    literals = dict.fromkeys(literal for formula in planned.formulas for literal in formula.literals)
     boxes = {
         target.atom: TargetBoxes(
             k=target.cameras,
@@ -55,7 +56,7 @@ def analysis_shown(
                 for box in target.boxes
             ],
         )
-        for target in analysis.planned.targets
+        for target in planned.targets
     }
     sights = {}
     for fault, windows in analysis.windows.items():
@@ -69,13 +70,10 @@ def analysis_shown(
         sampling=sampling_done(sampling, [found]),
         primitives=[
             Span(name=timed.name, start=timed.start, end=timed.end, does=stated.words)
-            for timed, stated in zip(
-                analysis.planned.motion.primitives, analysis.planned.candidate.skill.primitives, strict=True
-            )
+            for timed, stated in zip(planned.motion.primitives, planned.candidate.skill.primitives, strict=True)
         ],
         formulas=[
-            from_fields(Formula, one, literals=[str(literal) for literal in one.literals])
-            for one in analysis.planned.formulas
+            from_fields(Formula, one, literals=[str(literal) for literal in one.literals]) for one in planned.formulas
         ],
         cameras={one.name: CameraTiming.of(one) for one in cell.observer.cameras},
         without_camera=without_each_camera(cell, analysis),
@@ -93,17 +91,12 @@ def analysis_shown(
 def _samples(cell: Cell, analysis: Analysis, views: HiddenViews | None) -> list[Sample]:
     """Every sample with all verdicts; views: None to leave out those of single boxes."""
     timeline, samples = analysis.timeline, analysis.timeline.samples
-    states, q, held = (
-        analysis.planned.stage.states(samples),
-        analysis.planned.stage.positions(samples),
-        analysis.planned.stage.held(samples),
-    )
+    stage, targets = analysis.planned.stage, analysis.planned.targets
+    states, q, held = stage.states(samples), stage.positions(samples), stage.held(samples)
     objects = {name: states.X_WF[name] for name in cell.workspace.objects if name in states.X_WF}
     expected = expectation(cell, analysis)
-    column = {target.atom: index for index, target in enumerate(analysis.planned.targets)}
-    seen = [
-        _coverage(cell, analysis, index, states.X_WF, views, expected) for index in range(len(analysis.planned.targets))
-    ]
+    column = {target.atom: index for index, target in enumerate(targets)}
+    seen = [_coverage(cell, analysis, index, states.X_WF, views, expected) for index in range(len(targets))]
     return [
         Sample(
             t=float(samples.t[row]),
@@ -114,7 +107,7 @@ def _samples(cell: Cell, analysis: Analysis, views: HiddenViews | None) -> list[
             event=bool(timeline.of_interest[row]),
             literals={
                 str(literal): seen[column[literal.atom]][row]
-                for literal in analysis.planned.stage.pieces[int(samples.piece[row])].literals
+                for literal in stage.pieces[int(samples.piece[row])].literals
             },
             expected=finite_or_none(expected.states[row]) if expected is not None else None,
         )
