@@ -209,7 +209,8 @@ def hidden_by(way: JudgedWay, site: Site, other: Site) -> Mask:
     sample, target = way.items
     hidden = np.zeros(len(sample), dtype=bool)
     at = []  # both places in the world, in the sample of each item
-    for one, X_WF in ((one, way.states.X_WF[one.frame]) for one in (site, other)):
+    for one in (site, other):
+        X_WF = way.states.X_WF[one.frame]
         places = X_WF[:, :3, :3] @ one.position + X_WF[:, :3, 3]
         at.append(places[sample if one.frame != WORLD else np.zeros_like(sample)])
     ball, eye = at

@@ -209,22 +209,22 @@ def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple
     suggestions = [one.suggestion for one in found if one.suggestion.last and one.suggestion.last.feasible]
     fastest = suggester.wanted.fastest  # of many candidates: few are compared, the first of each plan first
     if fastest:
-        of_plan, numbers = Counter[object](), list[int]()
+        of_plan, numbered = Counter[object](), list[tuple[int, Suggestion]]()
         for suggestion in suggestions:
             plan = tuple(step.action for step in suggestion.steps or ())
-            numbers.append(of_plan[plan])
+            numbered.append((of_plan[plan], suggestion))
             of_plan[plan] += 1
-        order = sorted(range(len(suggestions)), key=numbers.__getitem__)
-        suggestions = [suggestions[number] for number in order[:MOST_WITH_FIGURES]]
-    figures = []
-    for last in (suggestion.last for suggestion in suggestions):
+        numbered.sort(key=lambda pair: pair[0])
+        suggestions = [suggestion for _, suggestion in numbered[:MOST_WITH_FIGURES]]
+    compared = list[tuple[CandidateResult, Suggestion]]()
+    for last, suggestion in ((suggestion.last, suggestion) for suggestion in suggestions):
         if last is not None and last.result is not None and last.world is not None:
             job, known = RankJob(cell=suggester.cell, world=last.world, wanted=suggester.wanted), last.result
-            figures.append(job.assess(known.candidate) if fastest else known)
-    if not figures:
+            compared.append((job.assess(known.candidate) if fastest else known, suggestion))
+    if not compared:
         return ()
-    first = rank(figures, "q_eoi")[0].candidate
-    chosen = suggestions[next(index for index, one in enumerate(figures) if one.candidate is first)]
+    first = rank([result for result, _ in compared], "q_eoi")[0].candidate
+    chosen = next(suggestion for result, suggestion in compared if result.candidate is first)
     if fastest and chosen.last is not None and chosen.last.result is not None:  # each step in its best way
         alone = Suggester(suggester.cell, suggester.world, suggester.planner, suggester.jobs)
         chosen = alone.suggest(chosen.last.result.candidate)

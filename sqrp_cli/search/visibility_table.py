@@ -243,14 +243,14 @@ class VisibilityTable:
         found = set[Hiding]()
         for number in selection.ways:
             for option, other in permutations((*selection.options, *self.kept), 2):
-                place, at = int(self.site_of[option]), int(self.site_of[other])
+                here, there = int(self.site_of[option]), int(self.site_of[other])
                 if {option, other} <= set(self.kept):
                     continue
-                hidden = hidden_by(self.ways[number], self.sites[place], self.sites[at])
+                hidden = hidden_by(self.ways[number], self.sites[here], self.sites[there])
                 if (hidden & self.sees[number][other]).any():
-                    there = np.flatnonzero(self.site_of == at)
-                    seeing = there[(self.sees[number][there] & hidden).any(axis=1)]
-                    found.add((place, tuple(seeing.tolist()), number))
+                    others = np.flatnonzero(self.site_of == there)
+                    seeing = others[(self.sees[number][others] & hidden).any(axis=1)]
+                    found.add((here, tuple(seeing.tolist()), number))
         self._hiding |= found
         return bool(found)
 
