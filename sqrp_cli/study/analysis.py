@@ -82,6 +82,7 @@ class Observed:
 
     planned: PlannedMotion
     timeline: Timeline
+    """Of the same motion: what the cameras see of it."""
 
     @property
     def without_delays(self) -> CandidateResult:
@@ -185,10 +186,10 @@ def all_observed(
     return [Observed(one, observe(one, cell.observer, sampling, full=full, bars=bars)) for one in motions]
 
 
-def with_delays(cell: Cell, watched: Sequence[Observed], sampling: Sampling) -> list[Analysis]:
+def with_delays(cell: Cell, observed: Sequence[Observed], sampling: Sampling) -> list[Analysis]:
     """Motions with how late faults are noticed; as they are where that is known."""
     done = []
-    for one in watched:
+    for one in observed:
         if isinstance(one, Analysis):
             done.append(one)
             continue

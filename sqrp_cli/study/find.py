@@ -230,7 +230,7 @@ Planned = tuple[int, Sequence[PlannedMotion] | Infeasible]
 class Plans:
     """The planned ways of candidates in one world, for cells that differ in their cameras only."""
 
-    watched_by: tuple[Cell, Sampling] | None = None
+    observed_by: tuple[Cell, Sampling] | None = None
     """The one cell, with its cameras, and the sampling for which what is seen of the ways is kept; None: it is not."""
     _known: dict[tuple[int, bool], tuple[Candidate, Planned]] = field(default_factory=dict)
     _seen: dict[int, Observed] = field(default_factory=dict)
@@ -244,7 +244,7 @@ class Plans:
         first. Another one is looked at no closer once all that it may still be found to see is no more than a way sees
         that takes no longer: then it is no contender, by its figures so far or by exact ones.
         """
-        if self.watched_by is not None and self.watched_by[0] is cell and self.watched_by[1] == sampling:
+        if self.observed_by is not None and self.observed_by[0] is cell and self.observed_by[1] == sampling:
             missing = [one for one in motions if id(one) not in self._seen]
             self._seen |= zip(map(id, missing), all_observed(cell, missing, sampling, full=False), strict=True)
             return [self._seen[id(one)] for one in motions]

@@ -31,6 +31,33 @@ from sqrp_cli.study.timeline import PlannedMotion
 from sqrp_cli.task.task import Candidate
 from sqrp_cli.trajectory import JointPath, Trajectory
 
+BLIND_WEIGHT, BLIND_WEIGHT_WITHIN = 4.0, 20.0
+"""Seconds of motion that a blind second counts for; and within a limit of the time, which is price enough."""
+
+RACE = ((3, 3), (2, 3))
+"""The rounds of the race: how many ways run, and for how many generations of paths; then the best goes on alone."""
+
+MOST_WORK = 24_000
+"""In looks at paths of one candidate: when so many are reached, the search ends."""
+
+SAME_TIME = 0.05
+"""Ways of one branch whose times differ by no more than this are searched once [s]."""
+
+WORTH_SEARCHING = 0.05
+"""A move that is blind for less than this is left as it is [s]."""
+
+LEVEL = 0.02
+"""Qualities in events of interest that differ by no more than about this count as equal while ways are chosen."""
+
+GLANCE_STEP = 0.4
+"""Time between the looks that tell direct ways apart [s]."""
+
+LEFT = 6
+"""Paths of each move that are left in the end."""
+
+MOST_COMBINATIONS = 10_000
+"""Combinations of paths of several moves that are compared; of more, those that cost least go on to the next move."""
+
 
 def open_moves(planned: PlannedMotion, names: Collection[str]) -> list[int]:
     """Those of the named joint moves of a way during which formulas apply, by index."""
@@ -92,34 +119,6 @@ def blind_ends(analysis: Analysis, names: Collection[str]) -> tuple[BlindEnd, ..
             if not len(seen):
                 break  # It is not covered anywhere: once is enough.
     return tuple(ends)
-
-
-BLIND_WEIGHT, BLIND_WEIGHT_WITHIN = 4.0, 20.0
-"""Seconds of motion that a blind second counts for; and within a limit of the time, which is price enough."""
-
-RACE = ((3, 3), (2, 3))
-"""The rounds of the race: how many ways run, and for how many generations of paths; then the best goes on alone."""
-
-MOST_WORK = 24_000
-"""In looks at paths of one candidate: when so many are reached, the search ends."""
-
-SAME_TIME = 0.05
-"""Ways of one branch whose times differ by no more than this are searched once [s]."""
-
-WORTH_SEARCHING = 0.05
-"""A move that is blind for less than this is left as it is [s]."""
-
-LEVEL = 0.02
-"""Qualities in events of interest that differ by no more than about this count as equal while ways are chosen."""
-
-GLANCE_STEP = 0.4
-"""Time between the looks that tell direct ways apart [s]."""
-
-LEFT = 6
-"""Paths of each move that are left in the end."""
-
-MOST_COMBINATIONS = 10_000
-"""Combinations of paths of several moves that are compared; of more, those that cost least go on to the next move."""
 
 
 def seen_ways(
@@ -203,39 +202,39 @@ def _glance(cell: Cell, planned: PlannedMotion) -> Array:
     blind = look_at(cell.observer, stage, planned.targets, samples).blind
     at = np.array([piece.primitive for piece in stage.pieces])[samples.piece]
     step = np.array([p.end - p.start for p in primitives]) / np.maximum(np.bincount(at, minlength=len(counts)), 1)
-    lost = (blind, blind & stage.of_interest(samples))
-    return np.stack([np.bincount(at, some, len(primitives)) * step for some in lost])
+    uncovered = (blind, blind & stage.of_interest(samples))
+    return np.stack([np.bincount(at, some, len(primitives)) * step for some in uncovered])
 
 
 def _runners(cell: Cell, motions: Sequence[PlannedMotion], longest: float, interest_first: bool) -> list[_Runner]:
     """The most promising ways at the start: those that would be best if all their open moves could be seen."""
     weight = BLIND_WEIGHT if np.isinf(longest) else BLIND_WEIGHT_WITHIN
 
-    def outlook(planned: PlannedMotion, lost: Array, moves: Sequence[int]) -> tuple[int, float]:
-        """The level and the time not covered elsewhere [s] of a way if these moves were seen; lost: see `_glance`."""
-        elsewhere, interest = np.delete(lost, moves, axis=1).sum(axis=1).tolist()
+    def outlook(planned: PlannedMotion, uncovered: Array, moves: Sequence[int]) -> tuple[int, float]:
+        """The level and the uncovered time elsewhere [s] if these moves were seen; uncovered: see `_glance`."""
+        elsewhere, interest = np.delete(uncovered, moves, axis=1).sum(axis=1).tolist()
         level = round((1.0 - interest / planned.T_eoi) / LEVEL) if interest_first and planned.T_eoi > 0 else 0
         return level, elsewhere
 
     found = []
     for planned in motions:
         if moves := open_moves(planned, planned.candidate.open_paths):
-            lost = _glance(cell, planned)
-            level, elsewhere = outlook(planned, lost, moves)
-            found.append((-level, weight * elsewhere + planned.motion.time, planned, lost))
+            uncovered = _glance(cell, planned)
+            level, elsewhere = outlook(planned, uncovered, moves)
+            found.append((-level, weight * elsewhere + planned.motion.time, planned, uncovered))
     chosen: list[tuple[PlannedMotion, Array]] = []
-    for _, _, planned, lost in sorted(found, key=lambda one: one[:2]):
+    for _, _, planned, uncovered in sorted(found, key=lambda one: one[:2]):
         same_branch = (other for other, _ in chosen if other.candidate.branch == planned.candidate.branch)
         known = any(abs(planned.motion.time - other.motion.time) < SAME_TIME for other in same_branch)
         if len(chosen) < RACE[0][0] and not known:
-            chosen.append((planned, lost))
+            chosen.append((planned, uncovered))
     runners = []
-    for planned, lost in chosen:
+    for planned, uncovered in chosen:
         searches = list(move_searches(cell, planned, planned.candidate.open_paths, longest - planned.motion.time))
         for search in searches:
             search.look(cell.observer, [search.direct], EXACTLY)
         searched = tuple(search for search in searches if search.direct.blind > WORTH_SEARCHING)
-        level, elsewhere = outlook(planned, lost, [search.primitive for search in searches])
+        level, elsewhere = outlook(planned, uncovered, [search.primitive for search in searches])
         blind = elsewhere + sum(search.direct.blind for search in searches if search not in searched)
         if searched:
             runners.append(_Runner(planned, level, blind, searched, weight))

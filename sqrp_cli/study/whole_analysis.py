@@ -45,11 +45,9 @@ def result_of_steps(candidate: Candidate, done: Sequence[CandidateResult]) -> Ca
     seen = mean_qualities((one, one.t_total, one.t_eoi) for one in done)
     # The worst seen first; where all miss nothing, one stands for all.
     numbered = sorted(enumerate(done, 1), key=lambda pair: _worth(pair[1]))
-    losing = [(n, one) for n, one in numbered if min(_worth(one)) < 1.0]
+    missing = [(f"Step {n}, {one.candidate.task}: ", one) for n, one in numbered if min(_worth(one)) < 1.0]
+    (step, worst), *_ = said = missing or [("", done[0])]
     sums: dict[str, Any] = {k: sum(v for one in done if (v := getattr(one, k)) is not None) for k in SUMMED}
-    step_said = [f"Step {n}, {one.candidate.task}: " for n, one in losing] or [""]
-    said = [f"{step}{one.verdict}" for step, (_, one) in zip(step_said, losing or [(1, done[0])], strict=True)]
-    worst = losing[0][1] if losing else done[0]
     return CandidateResult(
         candidate=candidate,
         feasible=True,
@@ -68,8 +66,8 @@ def result_of_steps(candidate: Candidate, done: Sequence[CandidateResult]) -> Ca
         error=max((one.error for one in done if one.error is not None), default=None),
         largest_gap=max((one.largest_gap for one in done if one.largest_gap is not None), default=None),
         remarks=tuple(f"{n}.{text}" for n, one in enumerate(done, 1) for text in one.remarks),
-        verdict=" ".join(said),
-        blind_spot=f"{step_said[0]}{worst.blind_spot}",
+        verdict=" ".join(f"{step}{one.verdict}" for step, one in said),
+        blind_spot=f"{step}{worst.blind_spot}",
         remedy=worst.remedy,
         why_late=max(done, key=lambda one: one.latest or 0.0).why_late,
         recalibrated=tuple(
@@ -132,10 +130,10 @@ def whole_analysis(
     cell: Cell, way: Candidate, world: World, sampling: Sampling, *, full: bool
 ) -> WholeAnalysis | Infeasible:
     """Study a way that starts in `world`, of one step or several; see `analyse`."""
-    watched = whole_observed(cell, way, world, sampling, full=full)
-    if isinstance(watched, Infeasible):
-        return watched
-    return WholeAnalysis(way, tuple(with_delays(cell, watched, sampling)))
+    observed = whole_observed(cell, way, world, sampling, full=full)
+    if isinstance(observed, Infeasible):
+        return observed
+    return WholeAnalysis(way, tuple(with_delays(cell, observed, sampling)))
 
 
 def whole_observed(

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
@@ -21,6 +22,7 @@ from sqrp_cli.score.score import ScoredCell, read_cell, shortcomings
 from sqrp_cli.show.terminal.search_tables import print_difference
 from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult
 from sqrp_cli.study.sampling import Adaptive
+from sqrp_cli.study.verdict import with_verdict
 
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop" / "workspace.yaml"
 SLOWER = Shift("delay", 0.69, 0.71, worse=True)
@@ -129,6 +131,17 @@ def test_a_delay_is_explained_by_what_hides_the_fault_or_by_what_takes_so_long(b
     found = assessed(blind=blind)
     (sentence,) = shortcomings(replace(found, blind_spot=blind_spot or found.blind_spot), EXPECTED, "")
     assert says in sentence
+
+
+def test_what_a_motion_goes_around_hides_no_fault():
+    none = np.zeros(1, dtype=bool)
+    samples, seen = SimpleNamespace(t=none), SimpleNamespace(blind=none)
+    timeline = SimpleNamespace(samples=samples, observation=seen, of_interest=none)
+    planned = SimpleNamespace(motion=SimpleNamespace(remarks=("a1 goes around wall",)))
+    found = with_verdict(None, SimpleNamespace(planned=planned, timeline=timeline), assessed(blind=2.0))
+    assert found.verdict == f"{NOTHING_MISSING}. On the way a1 goes around wall."
+    (sentence,) = shortcomings(found, EXPECTED, "")
+    assert sentence.endswith("tool and part have to part")
 
 
 def test_a_quality_that_is_whole_but_for_rounding_is_whole():
