@@ -194,24 +194,18 @@ CellScene = tuple["ShowDocument", str]
 
 @dataclass(frozen=True, eq=False)
 class PageContent:
-    """What a page shows.
-
-    heading: of the table. about: what was computed, as pairs of a term and its value, such as version and command.
-    of_images: whether the details are what images showed, not what is predicted. placement: mounts and the cameras on
-    them, if it is about these, see `write_placement`. compared: whether the rows are answers to one question. opens_at:
-    the time [s] that is shown first.
-    """
+    """What a page shows."""
 
     title: str
     summary: str
-    heading: str
-    about: Sequence[tuple[str, str]]
+    heading: str  # of the table
+    about: Sequence[tuple[str, str]]  # pairs of a term and its value, such as version and command
     entries: Sequence[PageRow]
     scenes: Sequence[CellScene]
-    of_images: bool = False
-    placement: Mapping[str, object] | None = None
-    compared: bool = True
-    opens_at: float = 0.0
+    of_images: bool = False  # whether the details are what images showed, not what is predicted
+    placement: Mapping[str, object] | None = None  # mounts and the cameras on them, see `write_placement`
+    compared: bool = True  # whether the rows are answers to one question
+    opens_at: float = 0.0  # the time that is shown first [s]
 
 
 def write_page(content: PageContent, path: Path) -> None:

@@ -29,16 +29,13 @@ _TRUE = "predictions that came true"
 
 @dataclass(frozen=True, eq=False)
 class RunCell:
-    """The cell of a run. digest: of its workspace at the time.
-
-    workspace: None if its files are not at hand. why_flat: why there is no playback in three dimensions, if so.
-    """
+    """The cell of a run."""
 
     name: str
     cameras: Sequence[str]
-    digest: str
-    workspace: Workspace | None
-    why_flat: str = ""
+    digest: str  # of its workspace at the time
+    workspace: Workspace | None  # None if its files are not at hand
+    why_flat: str = ""  # why there is no playback in three dimensions, if so
 
 
 def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: Path, arguments: Sequence[str]) -> None:

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any, Literal
+from typing import Literal
 
 from rich.cells import cell_len
 from rich.console import Console
@@ -81,17 +81,12 @@ NOTEBOOK_WIDTH = 100  # columns of results in a notebook
 
 def captured(show: Callable[[], None], *, html: bool = False) -> str:
     """The results that a function prints: as text as wide as the terminal, or with their colours for a notebook."""
-    plainly: dict[str, Any] = {"file": io.StringIO(), "highlight": False, "emoji": False}
+    file = io.StringIO()
     if html:
-        colors: dict[str, Any] = {
-            "record": True,
-            "force_terminal": True,
-            "color_system": "truecolor",
-            "no_color": False,
-        }
-        console = Console(**plainly, **colors, width=NOTEBOOK_WIDTH)
+        console = Console(file=file, highlight=False, emoji=False, record=True, force_terminal=True,
+                          color_system="truecolor", no_color=False, width=NOTEBOOK_WIDTH)  # fmt: skip
     else:
-        console = Console(**plainly, width=output().width, no_color=True)
+        console = Console(file=file, highlight=False, emoji=False, no_color=True, width=output().width)
     token = _captured.set(console)
     try:
         show()
@@ -100,7 +95,7 @@ def captured(show: Callable[[], None], *, html: bool = False) -> str:
     if html:
         code = '<pre style="line-height: 1.25">{code}</pre>'
         return console.export_html(inline_styles=True, code_format=code)
-    return str(plainly["file"].getvalue()).rstrip("\n")
+    return file.getvalue().rstrip("\n")
 
 
 def output() -> Console:
