@@ -40,7 +40,7 @@ ROOMS = {
     "run": ("run", 7_311),
     "field": ("field ros", 2_946),
     "score": ("score", 2_293),
-    "show": ("show", 4_874),
+    "show": ("show", 4_860),
     "ask": ("ask cli __init__ __main__", 5_130),
     "studio": ("studio", 1_760),
     "starter, platform": ("starter platform", 1_777),
