@@ -1,4 +1,7 @@
-"""All candidates of a task, assessed one after the other or in parallel processes, with the same results."""
+"""From a candidate to its result: assessed in its best way, or explained with the analysis behind its figures.
+
+All candidates of a task are assessed one after the other or in parallel processes, with the same results.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +44,7 @@ class Explained(NamedTuple):
     """A candidate with all that its figures were computed from."""
 
     result: CandidateResult
-    """With the figures of the analyses."""
+    """With the figures of its analysis, or of those of its steps."""
     analysis: Analysis | None = None
     """Of a feasible candidate of one step."""
     steps: tuple[Explained, ...] = ()
@@ -57,7 +60,7 @@ _known: WeakKeyDictionary[World, WeakKeyDictionary[Cell, _Known]] = WeakKeyDicti
 
 @dataclass(frozen=True, eq=False)
 class RankJob:
-    """What is to be computed for each candidate."""
+    """What is to be computed for each candidate from one world of a cell."""
 
     sampling: Sampling = Adaptive()
     calibration: Calibration | None = None
@@ -96,8 +99,7 @@ class RankJob:
         seen = whole_observed(self.cell, known.way, self.world, self.sampling, full=False)
         if isinstance(seen, Infeasible):
             raise ValueError(f"{known.candidate.name} was feasible a moment ago")
-        parts = zip(seen, known.steps or (known,), strict=True)
-        steps = [with_verdict(self.cell, one, part) for one, part in parts]
+        steps = [with_verdict(self.cell, *pair) for pair in zip(seen, known.steps or (known,), strict=True)]
         said = result_of_steps(known.candidate, steps) if known.steps else steps[0]
         return replace(known, verdict=said.verdict, blind_spot=said.blind_spot, remedy=said.remedy)
 
@@ -137,8 +139,8 @@ class RankJob:
             found = analyse(self.cell, known.way, self.world, self.sampling, full=True)
             if isinstance(found, Infeasible):
                 raise ValueError(f"{known.candidate.name} was feasible a moment ago")
-            analysis, figures = found, with_verdict(self.cell, found, found.result)
-            result = replace(figures, candidate=known.candidate, q_expected=expected_quality(self.cell, found))
+            analysis, result = found, with_verdict(self.cell, found, found.result)
+            result = replace(result, candidate=known.candidate, q_expected=expected_quality(self.cell, found))
         result = replace(result, best_way=known.best_way, rank=known.rank, pareto=known.pareto, ways=known.ways)
         return Explained(described(result), analysis, tuple(steps))
 
