@@ -34,7 +34,7 @@ ROOMS = {
     "task": ("task", 929),
     "motion": ("motion", 2_687),
     "sight": ("kernel sight", 1_464),
-    "study": ("study", 4_291),
+    "study": ("study", 4_293),
     "search": ("search", 4_286),
     "checks": ("checks", 1_233),
     "run": ("run", 7_311),
