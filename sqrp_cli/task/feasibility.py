@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from weakref import WeakKeyDictionary
 
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible, InputError
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion, plan_motion
+from sqrp_cli.skill.skill import Skill
 from sqrp_cli.task.task import Candidate, read_task
+
+_unmet: WeakKeyDictionary[World, dict[tuple[str, ...], tuple[Skill, tuple[str, ...]]]] = WeakKeyDictionary()
+"""What is said of a skill with some objects in a world: of all candidates that differ in their settings only."""
 
 
 def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | Infeasible:
@@ -32,8 +37,12 @@ def impossible_start(cell: Cell, candidate: Candidate, world: World, *, contacts
 
 def unmet_preconditions(cell: Cell, candidate: Candidate, world: World) -> tuple[str, ...]:
     """Sentences about the failing parts of the candidate's precondition in a world; empty if it holds."""
-    failing = candidate.lacks(cell.workspace, world.facts)
-    return tuple(f"`{candidate.skill.name}` needs `{literal}`, which does not hold" for literal in failing)
+    known, asked = _unmet.setdefault(world, {}), (candidate.skill.name, *candidate.binding.values())
+    if asked not in known or known[asked][0] is not candidate.skill:
+        failing = candidate.lacks(cell.workspace, world.facts)
+        said = (f"`{candidate.skill.name}` needs `{literal}`, which does not hold" for literal in failing)
+        known[asked] = candidate.skill, tuple(said)
+    return known[asked][1]
 
 
 MOST_WAYS = 4
