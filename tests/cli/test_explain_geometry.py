@@ -221,21 +221,15 @@ def test_joints_corners_and_occluders_follow_from_the_robot_and_the_cell(show, d
             assert arm.movable <= set(sample["q"])
             for joint, (leader, multiplier, offset) in arm.mimics.items():
                 assert sample["q"][joint] == pytest.approx(multiplier * sample["q"][leader] + offset, abs=EXACT)
-    # Corners follow from frame size and pose.
-    for document in documents:
-        for sample in some_samples(document):
-            frames = frames_of(arm, document, sample)
-            for box, found in boxes_of(document, sample):
-                X = frames[box["frame"]] @ np.array(box["pose"])
-                corners = SIGNS * np.array(box["size"]) @ X[:3, :3].T + X[:3, 3]
-                assert np.abs(np.array(found["corners"]) - corners).max() < EXACT
-    # Geometric causes follow from camera and corners.
+    # Corners follow from frame size and pose, geometric causes from camera and corners.
     lenses = {name: Lens(camera) for name, camera in show["cameras"].items()}
     for document in documents:
         for sample in some_samples(document):
             frames = frames_of(arm, document, sample)
             for box, found in boxes_of(document, sample):
                 X_WB = frames[box["frame"]] @ np.array(box["pose"])
+                corners_W = SIGNS * np.array(box["size"]) @ X_WB[:3, :3].T + X_WB[:3, 3]
+                assert np.abs(np.array(found["corners"]) - corners_W).max() < EXACT
                 normal = None if box["normal"] is None else X_WB[:3, :3] @ np.array(box["normal"])
                 for name, verdict in found["cameras"].items():
                     camera = show["cameras"][name]
