@@ -31,7 +31,7 @@ ROOMS = {
     "cell": ("cell", 3_184),
     "logic": ("logic", 2_330),
     "skill, program": ("skill program", 1_825),
-    "task": ("task", 929),
+    "task": ("task", 938),
     "motion": ("motion", 2_687),
     "sight": ("kernel sight", 1_464),
     "study": ("study", 4_293),
