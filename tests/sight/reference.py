@@ -208,25 +208,19 @@ def first(view: View, hit: Sequence[Solid]) -> str:
     return name
 
 
-def hits(eye: Array, rays: Array, triangles: Array, begins: ArrayLike = 0.0, ends: ArrayLike = inf) -> list[float]:
+def hits(eye: Array, rays: Array, triangles: Array, begins: ArrayLike = 0.0, ends: ArrayLike = inf) -> Array:
     """The least factor of each ray (r, 3), from where it begins to where it ends, at which it meets a triangle, or inf.
 
     A ray meets the plane of a triangle in u a + v b + w c of the corners, seen from the eye, with u + v + w = 1, and
     the triangle if none of them is negative. They are in proportion to the ray's products with b x c, c x a and a x b.
     """
     a, b, c = np.moveaxis(triangles - eye, 1, 0)
-    volumes, found = (a * np.cross(b, c)).sum(axis=1), []
-    planes = np.column_stack([np.cross(b, c), np.cross(c, a), np.cross(a, b), volumes]).tolist()
-    for x, y, z, begin, end in np.column_stack(np.broadcast_arrays(*rays.T, begins, ends)).tolist():
-        nearest = end
-        for ux, uy, uz, vx, vy, vz, wx, wy, wz, volume in planes:
-            u, v = x * ux + y * uy + z * uz, x * vx + y * vy + z * vz
-            if u * v >= 0:
-                w = x * wx + y * wy + z * wz
-                if u * w >= 0 and v * w >= 0 and u + v + w != 0 and begin < volume / (u + v + w) < nearest:
-                    nearest = volume / (u + v + w)
-        found.append(nearest if nearest < end else inf)
-    return found
+    u, v, w = (rays @ np.cross(*two).T for two in ((b, c), (c, a), (a, b)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = (a * np.cross(b, c)).sum(axis=1) / (u + v + w)
+    low, high = (np.reshape(limit, (-1, 1)) for limit in (begins, ends))
+    met = (u * v >= 0) & (u * w >= 0) & (v * w >= 0) & (u + v + w != 0) & (low < at) & (at < high)
+    return np.where(met, at, inf).min(axis=1, initial=inf)
 
 
 def grid(image: Array, is_fine: bool) -> Array:
