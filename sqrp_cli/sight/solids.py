@@ -57,6 +57,8 @@ class Solid:
     """Vectors from the box's centre to three of its faces, one a row [m], shape (3, 3)."""
     color: str | None = None
     """The colour of the object that it is of, empty if that has none; None if it is of the robot."""
+    movable: bool = False
+    """Whether it is of an object that may be moved: neither of the robot nor of what is fixed."""
 
     @cached_property
     def compiled(self) -> kernel.Solid:

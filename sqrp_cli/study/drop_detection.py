@@ -8,8 +8,8 @@ inside the box.
 
 Cameras contradict each other as long as one of them takes the part for held. So there are two answers: images *surely*
 show a drop once the slowest camera does that may judge it soon after, and *usually* once more of these say so than say
-the opposite. Which these are follows from the robot's motion alone: what else hides a part makes windows smaller, but
-never a drop quicker to see.
+the opposite. Which these are follows from the robot's motion and from what never moves: what else hides a part makes
+windows smaller, but never a drop quicker to see.
 
 Points and vectors of many drops at many times are arrays by component, (3, drops, times): sums over a last axis of
 three take several times as long.
@@ -159,7 +159,7 @@ def onset(
 
     literals: of the fault, with the target of each. Where the tool loses nothing in it, images show it at once.
     """
-    found = _shown(stage, observer, literals, targets, interval)
+    found = _shown(stage, observer, literals, targets, interval, of_one_cell=True)
     if found is None:
         return Onset.at_once(interval.start, interval.end)
     x, each, slowest_of_all, usual = found
@@ -193,7 +193,7 @@ def least_delays(
 
     response: the shortest of all cameras [s].
     """
-    found = _shown(stage, observer, literals, targets, interval)
+    found = _shown(stage, observer, literals, targets, interval, of_one_cell=False)
     if found is None:
         return np.full(len(observer.cameras), response)
     x, each, *_ = found
@@ -207,11 +207,14 @@ def _shown(
     literals: Sequence[Literal],
     targets: Mapping[Atom, Target],
     interval: TimeInterval,
+    *,
+    of_one_cell: bool,
 ) -> tuple[Array, Array, Array, Array] | None:
     """When drops at s instants of an interval are shown by c cameras; None where the tool loses nothing.
 
     That is when the fault becomes true, shape (s,) [s]; from when on each camera that may judge a drop shows it, -inf
-    of the others, (c, s) [s]; from when on the slowest of all would, and all of them together usually do, (s,) [s].
+    of the others, (c, s) [s]; from when on the slowest would, whenever it judges it, and all of them together usually
+    do, (s,) [s]. of_one_cell: whether the cameras contradict each other; else each is looked at as if it were alone.
     """
     name = held_in(stage, interval)
     if name is None or interval.length <= 0.0:
@@ -245,7 +248,13 @@ def _shown(
     drops = _Drops(name, t, times, states, free)
     judges, seen = _judges(stage, observer, drops, [*left, *reached], places)
     some = np.any(list(judges.values()), axis=0)
-    surely, unheld, usually, *there = _first_shown(stage, observer, drops, some, left[0], seen, reached)
+    periods = np.array([1.0 / camera.rate for camera in observer.cameras])
+    if of_one_cell:
+        unjudged = ~some.any(axis=0)
+        if unjudged.any():
+            some[:, unjudged] = _judge_later(stage, observer, drops, [*left, *reached])[:, None]
+        periods = np.full(len(periods), periods[some.any(axis=1)].max(initial=0.0))
+    surely, unheld, usually, *there = _first_shown(stage, observer, drops, some, periods, left[0], seen, reached)
     x, judge = t, np.any([judges[box] for box in left], axis=0)
     judging = np.where(judge, surely, -np.inf)
     unheld, usually = np.where(judge, unheld, -np.inf), np.where(judge, usually, np.inf)
@@ -286,6 +295,7 @@ def _first_shown(
     observer: Observer,
     drops: _Drops,
     judges: Mask,
+    periods: Array,
     box: SoughtBox,
     seen: Mapping[SoughtBox, Mask],
     reached: Mapping[SoughtBox, Array],
@@ -294,18 +304,18 @@ def _first_shown(
 
     Shape (3 + boxes, c, s) [s]; -inf where no camera looks, infinite where it never does.
 
-    judges: which camera judges a drop, (c, s); what others make of it matters where none does. box: in which the tool
-    would show the part. seen: see `_judges`. reached: pose of each box, (4, 4).
+    judges: which camera looks at a drop, (c, s). periods: for how long each must go on showing it, (c,) [s]. box: in
+    which the tool would show the part. seen: see `_judges`. reached: pose of each box, (4, 4).
     """
     cameras, (name, t, times, states, fallen) = observer.cameras, drops
-    camera, start = np.nonzero(judges | ~judges.any(axis=0))  # n looks: pairs of a camera and a drop
+    camera, start = np.nonzero(judges)  # n looks: pairs of a camera and a drop
     tracks = [states.camera_poses(one)[:, :3, 3] for one in cameras]
     if all(len(track) == 1 for track in tracks):
         eyes = np.array(tracks).reshape(-1, 3).T[:, camera, None]
     else:
         whole = (drops.followed(np.broadcast_to(track, (len(times), 3))) for track in tracks)
         eyes = np.stack(list(whole), axis=1)[:, camera, start]
-    focal, period = _focal(cameras)[camera], max((1.0 / one.rate for one in cameras), default=0.0)
+    focal, period = _focal(cameras)[camera], periods[camera]
     tool, X_WB_held = states.X_WF[name][:, :3, 3], states.box_poses(box)
     held_at = tool.T[..., None] if len(tool) == 1 else drops.followed(tool)
     # Whether each camera sees a place before and after each time; and which of these comes before each of a drop.
@@ -335,7 +345,7 @@ def _first_shown(
             gone = tuple(map(np.maximum, clear, map(np.minimum, apart, in_a_place.values())))
         inside = [_in_sight(_in_box(X, free), _in_box(X, eye), place.size) for place, X in reached.items()]
         margins = [gone[0], apart[1], gone[1], *inside]
-        found[:, left_open] = [_first(margin, period) for margin in margins]
+        found[:, left_open] = [_first(margin, period[left_open]) for margin in margins]
         left_open = left_open[np.isinf(found[:, left_open]).any(axis=0)]
         if not len(left_open):
             break
@@ -349,26 +359,41 @@ def _judges(
 ) -> tuple[dict[SoughtBox, Mask], dict[SoughtBox, Mask]]:
     """Whether each camera judges boxes soon after each loss, (c, s), and sees the places at the first k times, (k, c).
 
-    Nothing but the robot is in the way of the boxes, and cameras count, too, that may judge one or not: more of them
+    Of the boxes, cameras count, too, that may judge one or not, and what may be moved is in nobody's way: more of them
     only ever show a drop later. Of a place, one that counts is sure to look for the part there, past a tool that has
     lost it.
     """
-    some, cameras = drops.times[drops.times <= drops.t[-1] + _SOON + drops.t[1] - drops.t[0]], observer.cameras
-    lost, others = stage.once_lost(), [one.part.name for one in observer.solids if one.color is not None]
-    judged_at, seen = dict[SoughtBox, Mask](), dict[SoughtBox, Mask]()
-    once_lost = lost.states(lost.samples_at(some))
-    for asked, states, robot_alone in ((boxes, drops.states, True), (places, once_lost, False)):
-        found, through = (judged_at, others) if robot_alone else (seen, ())
-        own = [replace(box, limits=box.limits.judging).seen_through(through) for box in asked]
-        found |= {box: np.zeros((len(some), len(cameras)), dtype=bool) for box in asked}
-        if asked and cameras:
-            targets, rows = [Target(Atom(box.name), 1, (box,)) for box in own], [np.arange(len(some))] * len(own)
-            verdicts = observer.verdicts(targets, states, rows=rows, shares=robot_alone, culprits=False)
-            for box, one, (verdict,) in zip(asked, own, verdicts, strict=True):
-                found[box] = may_judge(one, verdict, cameras, states) if robot_alone else verdict.cause == Cause.NONE
+    some = drops.times[drops.times <= drops.t[-1] + _SOON + drops.t[1] - drops.t[0]]
+    judged_at, lost = _judged_at(observer, boxes, drops.states, len(some)), stage.once_lost()
+    own = [Target(Atom(box.name), 1, (replace(box, limits=box.limits.judging),)) for box in places]
+    verdicts = observer.verdicts(own, lost.states(lost.samples_at(some)), shares=False, culprits=False)
+    seen = {place: verdict.cause == Cause.NONE for place, (verdict,) in zip(places, verdicts, strict=True)}
     first, last = (np.searchsorted(some, edge) for edge in (drops.t, drops.t + _SOON))
     windows = [slice(max(i - 1, 0), j + 1) for i, j in zip(first, last, strict=True)]
     return {box: np.transpose([one[window].any(axis=0) for window in windows]) for box, one in judged_at.items()}, seen
+
+
+def _judge_later(stage: Stage, observer: Observer, drops: _Drops, boxes: Sequence[SoughtBox]) -> Mask:
+    """Which of c cameras judge boxes at any time from the first loss to the end of the motion; all if none does, (c,).
+
+    A camera that never does shows nothing, and contradicts none.
+    """
+    t = np.arange(drops.t[0], stage.motion.time + _STEP, _STEP)
+    found = [at.any(axis=0) for at in _judged_at(observer, boxes, stage.states(stage.samples_at(t)), len(t)).values()]
+    ever: Mask = np.any(found, axis=0)
+    return ever if ever.any() else ~ever
+
+
+def _judged_at(
+    observer: Observer, boxes: Sequence[SoughtBox], states: SceneStates, count: int
+) -> dict[SoughtBox, Mask]:
+    """Whether each camera may judge boxes in the first states, through what may be moved; shape (count, c) each."""
+    movable = [one.part.name for one in observer.solids if one.movable]
+    own = [replace(box, limits=box.limits.judging).seen_through(movable) for box in boxes]
+    targets, rows = [Target(Atom(box.name), 1, (box,)) for box in own], [np.arange(count)] * len(own)
+    verdicts = observer.verdicts(targets, states, rows=rows, culprits=False)
+    looks = zip(boxes, own, verdicts, strict=True)
+    return {box: may_judge(one, verdict, observer.cameras, states) for box, one, (verdict,) in looks}
 
 
 def _in_sight(part: Array, eye: Array, size: Sequence[float]) -> Array:
@@ -502,15 +527,15 @@ def _dot(a: Sequence[Array] | Array, b: Sequence[Array] | Array) -> Array:
     return found
 
 
-def _first(margin: Array, least: float = 0.0) -> Array:
-    """When a margin (n, f) is first not negative after the loss for a least time [s], shape (n,) [s].
+def _first(margin: Array, least: Array | None = None) -> Array:
+    """When a margin (n, f) is first not negative after the loss for a least time (n,) [s], shape (n,) [s].
 
     Infinite if it never is, as far as the first f times tell.
     """
     times, end = _FALL[: margin.shape[1]], min(_FALL[margin.shape[1] :], default=np.inf)
     bad = np.where(margin < 0.0, times, end)
     lasts = np.minimum.accumulate(bad[:, ::-1], axis=1)[:, ::-1] - times
-    good = (margin >= 0.0) & (lasts >= least)
+    good = (margin >= 0.0) & (lasts >= (0.0 if least is None else least[:, None]))
     index = good.argmax(axis=1)
     before = np.maximum(index - 1, 0)
     late, early = (margin[np.arange(len(margin)), i] for i in (index, before))

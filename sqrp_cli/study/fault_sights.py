@@ -66,25 +66,29 @@ def fault_windows(
     a period.
 
     Of cameras of several rates or latencies each kind has its windows, by the full matrix. Where only several kinds
-    together show all literals, the slowest period and latency count, in windows that are as long.
+    together show all literals, the slowest period and latency of those that see any of it count, in windows as long.
     """
     seen, samples = timeline.observation, timeline.samples
     clocks = np.array([(1.0 / camera.rate, camera.lag) for camera in cameras]).reshape(-1, 2)
-    kinds = [(*clock, (clocks == clock).all(axis=1)) for clock in sorted({*map(tuple, clocks.tolist())})]
+    kinds = [(*clock, 0.0, (clocks == clock).all(axis=1)) for clock in sorted({*map(tuple, clocks.tolist())})]
     several = len(kinds) > 1
-    if several:
-        kinds.append((*clocks.max(axis=0).tolist(), np.ones(len(clocks), dtype=bool)))
     counts = np.array([fault.counts_in(piece) for piece in timeline.request.stage.pieces])[samples.piece]
+    if several:
+        shown = [sees_all(boxes) & seen.required[:, [n]] & counts[:, None] for n, boxes in enumerate(seen.full_matrix)]
+        seeing = np.any([shown[n] for columns in fault.columns for n in columns], axis=(0, 1))
+        kinds = [kind for kind in kinds if (kind[-1] & seeing).any()]
+        if len(kinds) > 1:
+            period, lag = clocks[seeing].max(axis=0).tolist()
+            kinds.append((period, lag, period, seeing))
     neighbours = (np.diff(samples.piece) == 0) | (np.diff(samples.t) <= SAME_INSTANT)
     windows = []
-    for period, lag, own in kinds:
+    for period, lag, least, own in kinds:
         covered = seen.covered
         if several:
             number = np.stack([sees_all(boxes)[:, own].sum(axis=1) for boxes in seen.full_matrix], axis=1)
             covered = seen.required & (number >= [target.cameras for target in targets])
         shows = counts & np.all([covered[:, list(columns)].any(axis=1) for columns in fault.columns], axis=0)
         edges = np.flatnonzero(np.diff(shows[:-1] & shows[1:] & neighbours, prepend=False, append=False))
-        least = period if own.all() and several else 0.0
         for first, last in samples.t[edges].reshape(-1, 2).tolist():
             until = last + period if last >= end - SAME_INSTANT else last
             windows += [Window(first, until, period, lag)] if until - first > least else []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,12 @@ import pytest
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.figures import FaultMetrics
+from sqrp_cli.files.frames import WORLD
+from sqrp_cli.geometry import pose
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.study import drop_detection
 from sqrp_cli.study.analysis import Analysis, analysed
+from sqrp_cli.study.fault_sights import least_fault_delays
 from sqrp_cli.study.find import WantedWay, find_way
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.whole_analysis import WholeAnalysis, whole_analysis
@@ -80,10 +84,10 @@ def test_no_fault_is_noticed_sooner_than_the_fastest_camera_tells(studied: tuple
 
 def test_what_hides_more_makes_no_delay_shorter(studied: tuple[Cell, list[Analysis]]) -> None:
     cell, analyses = studied
-    others = {solid.part.parent for solid in cell.observer.solids if solid.color is not None}
+    others = {solid.part.parent for solid in cell.observer.solids if solid.movable}
     for analysis in analyses[:2]:
         with_all, handled = figures(analysis), set(analysis.planned.candidate.binding.values())
-        for name in sorted(others - handled - {"world", "table"})[:4]:
+        for name in sorted(others - handled)[:4]:
             solids = tuple(one for one in cell.observer.solids if one.part.parent != name)
             freer = replace(cell, observer=replace(cell.observer, solids=solids))
             for fault, less in figures(analysed(freer, analysis.planned, Adaptive(), full=False)).items():
@@ -93,6 +97,39 @@ def test_what_hides_more_makes_no_delay_shorter(studied: tuple[Cell, list[Analys
                     assert less.delay_worst is not None and less.delay_mean is not None  # noqa: PT018
                     assert less.delay_worst <= more.delay_worst + 2e-3  # instants at which sights change are bisected
                     assert less.delay_mean <= more.delay_mean + 2e-3
+
+
+@pytest.mark.parametrize("at", [(0.4, 0.0, -0.5), (0.4, 0.0, 30.0)], ids=["below the table", "out of range"])
+def test_a_camera_that_sees_nothing_changes_no_delay(
+    studied: tuple[Cell, list[Analysis]], at: tuple[float, float, float]
+) -> None:
+    cell, analyses = studied
+    down = np.diag([1.0, -1.0, -1.0])
+    X_WC = pose(np.eye(3) if at[2] < 0 else down, np.array(at))
+    blind = replace(cell.observer.cameras[0], name="blind", frame=WORLD, X_FC=X_WC, rate=2.0, latency=0.5)
+    more = cell.with_cameras_of(replace(cell.workspace, cameras={**cell.workspace.cameras, "blind": blind}))
+    for analysis in analyses[:2]:
+        with_it = analysed(more, analysis.planned, Adaptive(), full=False)
+        for fault, known in figures(analysis).items():
+            found = figures(with_it)[fault]
+            for name in ("delay_mean", "delay_worst", "unseen"):  # instants at which sights change are bisected
+                assert getattr(found, name) == pytest.approx(getattr(known, name), abs=2e-3), name
+            assert all(
+                one.shown == pytest.approx(was.shown, abs=1e-6)
+                for one, was in zip(with_it.onsets[fault], analysis.onsets[fault], strict=True)
+            )
+
+
+def test_no_delay_is_shorter_than_each_camera_needs_by_itself(studied: tuple[Cell, list[Analysis]]) -> None:
+    """`place` looks at many cameras together of which few are chosen, of several rates."""
+    observer, response = studied[0].observer, min(camera.response for camera in studied[0].observer.cameras)
+    for analysis in studied[1][:2]:
+        least = least_fault_delays(analysis.planned, observer, response)
+        worst = max(inf if one.delay_worst is None else one.delay_worst for one in figures(analysis).values())
+        assert worst >= least.max() - 1e-9
+        for camera, known in zip(observer.cameras, least, strict=True):
+            with_slow = replace(observer, cameras=(camera, replace(camera, rate=0.5)))
+            assert least_fault_delays(analysis.planned, with_slow, response)[0] == pytest.approx(known, abs=1e-9)
 
 
 def test_what_is_dropped_falls_onto_the_table_or_what_stands_there(
