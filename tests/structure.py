@@ -34,7 +34,7 @@ ROOMS = {
     "task": ("task", 938),
     "motion": ("motion", 2_690),
     "sight": ("kernel sight", 1_466),
-    "study": ("study", 4_322),
+    "study": ("study", 4_324),
     "search": ("search", 4_286),
     "checks": ("checks", 1_233),
     "run": ("run", 7_311),
