@@ -32,7 +32,7 @@ ROOMS = {
     "logic": ("logic", 2_330),
     "skill, program": ("skill program", 1_825),
     "task": ("task", 938),
-    "motion": ("motion", 2_690),
+    "motion": ("motion", 2_687),
     "sight": ("kernel sight", 1_466),
     "study": ("study", 4_324),
     "search": ("search", 4_286),

@@ -27,7 +27,6 @@ CLEARANCE = 1e-3
 """Distance that the arm keeps from everything [m]; the workspace's padding adds to it for fixed objects."""
 
 SAMPLES = 200  # joint positions that are tried, spread over the limits of the joints
-_KEPT = 8  # scenes of a world that differ in which pairs may touch
 ALWAYS = 0.95  # share of the positions in which a pair must touch to count as always touching
 RESOLUTION = 0.5e-3  # two solids that may violate the clearance within a motion of less than this [m] count as touching
 FIRST_LOOK = 9  # positions along a path that `PlacedScene.is_free` checks before the proof
@@ -221,7 +220,7 @@ class CollisionScene:
             for name, solids in self.object_solids.items()
         }
         """How far each object reaches from its origin at most [m]."""
-        self._placed: WeakKeyDictionary[World, dict[NamePairs, PlacedScene]] = WeakKeyDictionary()
+        self._placed: WeakKeyDictionary[World, PlacedScene] = WeakKeyDictionary()
         self._contacts: WeakKeyDictionary[World, str] = WeakKeyDictionary()
 
     def placed(self, world: World, allowed: NamePairs = frozenset()) -> PlacedScene:
@@ -229,8 +228,7 @@ class CollisionScene:
 
         The held object moves with the tool and may touch it. Objects of unknown pose are left out.
         """
-        scenes = self._placed.setdefault(world, {})
-        if not scenes:
+        if world not in self._placed:
             tree = self.model.tree
             solids, clearance = list(self.solids), [CLEARANCE] * len(self.solids)
             names = [solid.part.parent for solid in solids]
@@ -256,7 +254,7 @@ class CollisionScene:
                 carrier, X_JT = tree.mounts[self.model.tool_frame]
                 mounts += [(carrier, X_JT @ world.X_TO)] * len(held)
                 depth += [self.depth[self.model.tool_frame]] * len(held)
-            scenes[frozenset()] = PlacedScene(
+            self._placed[world] = PlacedScene(
                 model=self.model,
                 spine=self.spine,
                 rods=self.rods,
@@ -271,18 +269,15 @@ class CollisionScene:
                 fingers=positions_of(self.model.fingers.joints, world.joints),
                 doubts=self._doubts,
             )
-        if allowed not in scenes:
-            scene, named = scenes[frozenset()], set(chain.from_iterable(allowed))
-            names = [solid.part.parent for solid in scene.solids]
-            some = np.array([name in named for name in names], dtype=bool)
-            kept = ~(some[scene.inner] & some[scene.outer])
-            for k in np.flatnonzero(~kept).tolist():
-                kept[k] = pair(names[scene.inner[k]], names[scene.outer[k]]) not in allowed
-            inner, outer, clearance = (column[kept] for column in (scene.inner, scene.outer, scene.clearance))
-            for old in list(scenes)[1:-_KEPT]:  # as candidates of one object follow each other
-                del scenes[old]
-            scenes[allowed] = replace(scene, inner=inner, outer=outer, clearance=clearance)
-        return scenes[allowed]
+        scene = self._placed[world]
+        if not allowed:
+            return scene
+        names, named = [solid.part.parent for solid in scene.solids], set(chain.from_iterable(allowed))
+        some = np.array([name in named for name in names], dtype=bool)
+        kept = ~(some[scene.inner] & some[scene.outer])
+        for k in np.flatnonzero(~kept).tolist():
+            kept[k] = pair(names[scene.inner[k]], names[scene.outer[k]]) not in allowed
+        return replace(scene, inner=scene.inner[kept], outer=scene.outer[kept], clearance=scene.clearance[kept])
 
     def contact_in(self, world: World) -> str:
         """A contact in a world before anything moves; empty when everything keeps its clearance.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise, takewhile
 from math import prod
 from typing import TypeVar
@@ -156,6 +157,7 @@ def _planned(
     if isinstance(grounded, Infeasible):
         return grounded
     primitives, final = grounded
+    placed = cache(scene.placed)
     # Sections begin with a joint move; the first has none, and may be empty.
     cuts: list[int] = [i for i, primitive in enumerate(primitives) if primitive.kind is JointMove]
     sections = [Section(None, 0, primitives[: cuts[0] if cuts else None], is_fixed=True)]
@@ -165,7 +167,7 @@ def _planned(
     problem = MotionProblem(
         model=model,
         primitives=primitives,
-        scenes=[scene.placed(primitive.world, primitive.allowed) for primitive in primitives],
+        scenes=[placed(primitive.world, primitive.allowed) for primitive in primitives],
         sections=sections,
         final=final,
         q_start=positions_of(model.arm, world.joints),
