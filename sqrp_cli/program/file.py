@@ -10,7 +10,7 @@ import shlex
 import string
 from collections.abc import Mapping
 from contextlib import suppress
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -203,7 +203,9 @@ def _again(program: Program, path: Path) -> str:
     """The commands that make a program again."""
     tasks = [step.own_task for step in program.steps] or ["TASK"]
     workspace, file = shlex.quote(str(shortest_path(workspace_path(program, path)))), shlex.quote(str(path))
-    again = (f"sqrp rank {workspace} {shlex.quote(task)} --program {file}" for task in tasks)
+    # The same task twice is appended where the program itself is gone on with.
+    starts = ((file if task == before else workspace, task) for before, task in pairwise(["", *tasks]))
+    again = (f"sqrp rank {at} {shlex.quote(task)} --program {file}" for at, task in starts)
     return " && ".join([f"rm {file}", *again])
 
 

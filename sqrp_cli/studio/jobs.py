@@ -108,16 +108,16 @@ def search(path: Path, seed: int, content: bytes, task: str, jobs: int, chosen: 
 def write(
     path: Path, seed: int, task: str, jobs: int, by: Criterion, chosen: str, file: Path, pipe: Connection
 ) -> None:
-    """Append the chosen candidate to a program file as `rank --program` does."""
-    from sqrp_cli.ask.api.cell import open_cell
-    from sqrp_cli.ask.api.session import world_before
-    from sqrp_cli.platform.files import check_not_read
+    """Write the chosen candidate into a program file as `rank --program` does."""
+    from sqrp_cli.ask.api.cell import open_cell, ranked
+    from sqrp_cli.ask.requests import RankRequest
+    from sqrp_cli.platform.files import check_not_read, check_writable
 
     opened = open_cell(path, seed=seed)
     check_not_read([file], opened.files)
-    before = world_before(None, file)
-    ranking = opened.rank(task, by=by, after=before, jobs=jobs, progress=partial(_progress, pipe))
-    ranking.write(file, chosen)
+    check_writable(file)
+    ask = RankRequest(task, by=by, jobs=jobs, progress=partial(_progress, pipe))
+    ranked(opened, ask, file).write(file, chosen)
     tell(pipe, "written", file=str(file))
 
 

@@ -291,8 +291,9 @@ class Ranking(TaskDocument):
     def write(self, path: str | Path, choose: str = "best") -> None:
         """Append a candidate to a program file, which is created if it does not exist.
 
-        choose: the candidate's name, or `best` for the first. Raises InputError where it is infeasible, or does not
-        begin where the program ends; ValueError for a ranking that was read from a file.
+        A last step of the same task from the same world is replaced. choose: the candidate's name, or `best` for the
+        first. Raises InputError where it is infeasible, or does not begin where the program ends; ValueError for a
+        ranking that was read from a file.
         """
         if self.session is None:
             raise ValueError("a ranking that was read has no motions to write; rank again")

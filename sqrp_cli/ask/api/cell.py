@@ -46,11 +46,11 @@ def open_cell(path: str | Path, *, seed: int = 0) -> OpenCell:
     return cell
 
 
-def ranked(cell: OpenCell, ask: RankRequest) -> Ranking:
-    """The candidates of a task in order."""
+def ranked(cell: OpenCell, ask: RankRequest, written: Path | None = None) -> Ranking:
+    """The candidates of a task in order. written: the program that one of them is to continue."""
     from sqrp_cli.ask.api.session import Session, assess
 
-    session = Session.begin(cell.cell, ask)
+    session = Session.begin(cell.cell, ask, written)
     return session.ranking(list(assess(session, ask.jobs, ask.progress)), ask)
 
 

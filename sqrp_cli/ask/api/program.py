@@ -48,11 +48,10 @@ def is_program(path: Path) -> bool:
         return re.search(rb"^sqrp_program\s*:", file.read(200_000), re.MULTILINE) is not None
 
 
-def start_of(named: Path, after: Path | None, written: Path | None = None) -> tuple[Path, Path | None]:
+def start_of(named: Path, after: Path | None) -> tuple[Path, Path | None]:
     """The workspace, and the program after which a task starts; None: in the world of the workspace.
 
-    named: a workspace, or a program in place of its workspace and of `after`. written: the program to which steps are
-    appended; that implies to start after it. Raises InputError.
+    named: a workspace, or a program in place of its workspace and of `after`. Raises InputError.
     """
     if not is_program(named):
         return named, after
@@ -61,8 +60,7 @@ def start_of(named: Path, after: Path | None, written: Path | None = None) -> tu
         raise bad_option(message, mend="leave out --after, or name a workspace")
     from sqrp_cli.program.file import find_workspace, load_program
 
-    same = written is not None and written.exists() and written.samefile(named)
-    return find_workspace(load_program(named), named), None if same else named
+    return find_workspace(load_program(named), named), named
 
 
 def open_program(path: str | Path, *, seed: int = 0) -> OpenProgram:

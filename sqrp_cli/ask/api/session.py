@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from sqrp_cli.ask import values
 from sqrp_cli.camera.camera import assumed_latency
 from sqrp_cli.cell.workspace import World
-from sqrp_cli.errors import Infeasible, Place, bad_input, bad_option, expected_names
+from sqrp_cli.errors import Infeasible, InputError, Place, bad_input, bad_option, expected_names
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.files import alone, check_writable, real_path
 from sqrp_cli.records import dataclass
@@ -24,12 +24,13 @@ from sqrp_cli.study.result import CandidateResult, Ranking
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.whole_analysis import worst_seen
 from sqrp_cli.task.grips import first_grip
-from sqrp_cli.task.task import Task, read_task
+from sqrp_cli.task.task import Task, read_task, split_steps
 
 if TYPE_CHECKING:
     from sqrp_cli.ask.requests import ExplainRequest, RankRequest, TaskRequest
+    from sqrp_cli.cell.workspace import Workspace
     from sqrp_cli.platform.processes import Progress
-    from sqrp_cli.program.record import Program
+    from sqrp_cli.program.record import Program, Step
     from sqrp_cli.search.planned_step import PlannedStep
 
 
@@ -39,6 +40,8 @@ class Session:
 
     task: Task
     job: RankJob
+    again: int = 0
+    """How many of the last steps of the program that is written are of this task already: they are replaced."""
 
     @property
     def cell(self) -> Cell:
@@ -46,23 +49,35 @@ class Session:
         return self.job.cell
 
     @classmethod
-    def begin(cls, cell: Cell, ask: TaskRequest) -> Session:
+    def begin(cls, cell: Cell, ask: TaskRequest, written: Path | None = None) -> Session:
         """Read the task, and load the world to start from: that in which the program `after` ends, or the workspace's.
 
-        Raises InputError for input that cannot be used.
+        written: the program to be continued, where it ends; one whose last step is of the same task, from the same
+        world, is made again from there on, unless `after` names it, too. Raises InputError for input that cannot be
+        used.
         """
-        world = cell.initial_world
-        if ask.after is not None:
-            from sqrp_cli.program.file import check_program, load_program
+        from sqrp_cli.program.file import check_program, load_program
 
-            program = load_program(Path(ask.after))
-            check_program(program, Path(ask.after), cell.workspace)
-            world = program.steps[-1].after if program.steps else world
+        def steps_in(path: Path) -> tuple[Step, ...]:
+            program = load_program(path)
+            check_program(program, path, cell.workspace)
+            return program.steps
+
+        after = None if ask.after is None else Path(ask.after)
+        steps, again = () if after is None else steps_in(after), 0
+        world = steps[-1].after if steps else cell.initial_world
+        if written is not None and written.exists() and (after is None or real_path(after) != real_path(written)):
+            there = steps_in(written)
+            again = _steps_of_task(there, ask.task, cell.workspace)
+            start = there[-again].before if again else there[-1].after if there else cell.initial_world
+            if after is not None and not (again and _same(start, world)):
+                raise _continues_elsewhere(written, after)
+            world = start
         task = read_task(ask.task, cell.workspace, world.facts)
         job = ask.job(cell, world)
         if job.wanted.fastest:
             task = replace(task, candidates=tuple(map(first_grip, task.candidates)))
-        return cls(task, job)
+        return cls(task, job, again)
 
     def ranking(self, found: Sequence[CandidateResult], ask: RankRequest, *, interrupted: bool = False) -> Ranking:
         """What is found of the candidates, ranked; interrupted: whether some are missing."""
@@ -100,14 +115,37 @@ class Session:
         return Explanation(**{**vars(analysis), **step, **about})
 
     def write(self, ranking: Ranking, path: str | Path, choose: str) -> None:
-        """Append a candidate of a ranking to a program file; see `Ranking.write`."""
+        """Write a candidate of a ranking into a program file; see `Ranking.write`."""
+        from sqrp_cli.program.file import load_program
+
         file = values.path.read(path, "path")
         values.text("the name of a candidate, or `best`").read(choose, "choose")
         check_choice(self.task, choose)
         chosen = choose_candidate(ranking.candidates, choose)
         if not chosen.feasible:
             raise bad_option(f"{chosen.name} is infeasible ({chosen.reasons[0]}), so {file} was not written")
-        add_steps(self.cell, steps_of(self, chosen), self.job.sampling, file)
+        there = load_program(file).steps if file.exists() else ()
+        again = _steps_of_task(there, self.task.text, self.cell.workspace)
+        replaced = again if again and _same(there[-again].before, self.job.world) else 0
+        add_steps(self.cell, steps_of(self, chosen), self.job.sampling, file, replaced)
+
+
+def _same(one: World, other: World) -> bool:
+    """Whether files would say the same of two worlds."""
+    from pydantic import TypeAdapter
+
+    dump = TypeAdapter(World).dump_python
+    return bool(dump(one) == dump(other))
+
+
+def _steps_of_task(steps: Sequence[Step], text: str, workspace: Workspace) -> int:
+    """How many of the last steps of a program are what a task became: all of the task's, or none."""
+    last = steps[-len(split_steps(text)) :]
+    if len(last) == 1:
+        return int(last[0].task == text)
+    task = read_task(text, workspace, last[0].before.facts) if last else None
+    known = [[one.task for one in candidate.steps] for candidate in (task.candidates if task else ())]
+    return len(last) if [step.task for step in last] in known else 0
 
 
 def assess(session: Session, jobs: int, progress: Progress) -> Iterator[CandidateResult]:
@@ -154,16 +192,14 @@ def world_before(after: Path | None, program: Path | None) -> Path | None:
     check_writable(program)
     if not program.exists():
         return after
-    if after is not None and real_path(after) == real_path(program):
-        message, mend = (
-            "--after and --program both name this file",
-            "leave out --after: the next step starts where it ends",
-        )
-        raise bad_input("would-overwrite", message, Place(program), mend=mend)
-    if after is not None:
-        message = f"{program} exists, so its next step starts where it ends and not where {after} does"
-        raise bad_option(message, mend="leave out --after, or name a new file after --program")
+    if after is not None and real_path(after) != real_path(program):
+        raise _continues_elsewhere(program, after)
     return program
+
+
+def _continues_elsewhere(program: Path, after: Path) -> InputError:
+    message = f"{program} exists, so its next step starts where it ends and not where {after} does"
+    return bad_option(message, mend="leave out --after, or name a new file after --program")
 
 
 ChosenStep = tuple[str, CandidateResult, World]
@@ -225,8 +261,10 @@ def chosen_steps(suggested: Sequence[PlannedStep]) -> list[ChosenStep]:
     return [(step.task, step.result, step.world) for step in suggested if step.result and step.world]
 
 
-def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path: Path) -> Program:
+def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path: Path, replaced: int = 0) -> Program:
     """Append steps to a program file, all or none; it is created if it does not exist. Returns the program.
+
+    replaced: how many of its last steps make room for them.
 
     Raises InputError if the file has changed meanwhile, so that the steps do not begin where it ends.
     """
@@ -247,7 +285,7 @@ def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path:
             check_program(program, path, cell.workspace)
         else:
             program = new_program(cell.workspace, cell.model.joints, path)
-        there = program.steps
+        there = program.steps[: len(program.steps) - replaced]
         program = program.model_copy(update={"steps": (*there, *added)})
         if any(flaws(program)):
             now = f"ends with step {len(there)}, {there[-1].short_task}," if there else "has no step"

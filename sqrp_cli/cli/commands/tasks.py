@@ -55,7 +55,7 @@ def _check(
         return watched({"--json": json, "--program": program})
     check_needed("a task", ask.task, {"--program": program, "--planner": ask.planner})
     try:
-        workspace, after = start_of(workspace, ask.after, program)
+        workspace, after = start_of(workspace, ask.after)
         cell = OpenCell.read(workspace, seed)
         if cell.errors or ask.task is None:
             found = cell.check(ask.task)
@@ -96,7 +96,9 @@ def _rank(
     *,
     workspace: Path = requests.START,
     program: Path | None = option(
-        "--program PROGRAM", "Append the chosen candidate to this program file.", values.path
+        "--program PROGRAM",
+        "Write the chosen candidate as the next step of this program, or in place of its last one of the same task.",
+        values.path,
     ),
     choose: str = requests.CHOOSE,
     all_rows: bool = flag("--all", "Show all candidates, also of a long ranking."),
@@ -105,20 +107,21 @@ def _rank(
     seed: int = requests.SEED,
     json: bool = requests.JSON,
 ) -> ExitCode:
-    from sqrp_cli.ask.api.session import Session, assess, check_choice, world_before
+    from sqrp_cli.ask.api.session import Session, assess, check_choice
     from sqrp_cli.checks.cell_warnings import cell_warnings, swept_cameras
     from sqrp_cli.checks.formulas import intervals_outside
-    from sqrp_cli.platform.files import check_distinct
+    from sqrp_cli.platform.files import check_distinct, check_writable
     from sqrp_cli.show.terminal.console import note, print_problems, progress, say_command
     from sqrp_cli.task.feasibility import unmet_preconditions
 
     if watch:
         return watched({"--json": json, "--program": program})
-    workspace, after = start_of(workspace, ask.after, program)
+    workspace, after = start_of(workspace, ask.after)
     check_distinct({"--program": program, "--report": report})
-    before = world_before(after, program)
+    if program is not None:
+        check_writable(program)
     opened = open_to_write(workspace, seed, [program, after], {"--report": report})
-    session = Session.begin(opened.cell, ask.but(after=before))
+    session = Session.begin(opened.cell, ask.but(after=after), program)
     # The table has a sentence about the last one alone; documents, pages, programs and `--watch` about others, too.
     if not json and report is None and program is None and last_shown.get() is None:
         session = replace(session, job=replace(session.job, verdicts=False))
@@ -153,13 +156,14 @@ def _rank(
         # A candidate of one step may only wait for what other skills establish.
         alone = (one for one in session.task.candidates if not one.steps)
         if any(unmet_preconditions(cell, one, world) for one in alone):
+            before = program if program is not None and program.exists() else after
             words = [str(workspace), ask.task, *([] if before is None else ["--after", str(before)])]
             say_command("\nTo see whether something done first helps:", f"sqrp check {shlex.join(words)}")
     return code
 
 
 def _write_chosen(session: Session, found: Ranking, choose: str, program: Path | None) -> tuple[ExitCode, str]:
-    """Append the chosen candidate to a program, if one was named, unless it is infeasible.
+    """Write the chosen candidate into a program, if one was named, unless it is infeasible.
 
     Returns the exit code and a message.
     """
@@ -176,9 +180,10 @@ def _write_chosen(session: Session, found: Ranking, choose: str, program: Path |
     if program is None:
         return ExitCode.OK, "" if choose == "best" else f"{chosen.name} is chosen; --program FILE writes it"
     steps = steps_of(session, chosen)
-    add_steps(session.cell, steps, session.job.sampling, program)
-    where = "the last step" if len(steps) == 1 else f"the last {len(steps)} steps"
-    return ExitCode.OK, f"{chosen.name} is now {where} of {program}"
+    add_steps(session.cell, steps, session.job.sampling, program, session.again)
+    where = f"the last {f'{len(steps)} steps' if len(steps) > 1 else 'step'} of {program}"
+    written = f"replaces {where}: the task is the same" if session.again else f"is now {where}"
+    return ExitCode.OK, f"{chosen.name} {written}"
 
 
 _WAYS = ("best", "all", "fastest")
