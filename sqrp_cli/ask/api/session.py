@@ -23,8 +23,9 @@ from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.result import CandidateResult, Ranking
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.whole_analysis import worst_seen
+from sqrp_cli.task.candidate import split_steps
 from sqrp_cli.task.grips import first_grip
-from sqrp_cli.task.task import Task, read_task, split_steps
+from sqrp_cli.task.task import Task, read_task
 
 if TYPE_CHECKING:
     from sqrp_cli.ask.requests import ExplainRequest, RankRequest, TaskRequest
