@@ -22,13 +22,13 @@ Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 FIGURE_NAMES = {
-    "q_eoi": "Q_eoi",
-    "q_avg": "Q_avg",
+    "q_eoi": "critical time seen",
+    "q_avg": "time seen",
     "time": "time",
-    "delay": "delay",
-    "delay_mean": "mean delay",
-    "delay_worst": "seen at worst after",
-    "expected_time": "all done at",
+    "delay": "noticed at the latest after",
+    "delay_mean": "noticed after",
+    "delay_worst": "noticed at the latest after",
+    "expected_time": "done after a retry at",
 }
 """What texts call the figures of a candidate."""
 
@@ -42,10 +42,10 @@ def shown_figure(name: str, value: float | None, more: int = 0) -> str:
     return f"{value:.{(1 if name == 'expected_time' else 2) + more}f} s"
 
 
-def named_figures(found: object, *names: str) -> list[str]:
-    """Each of some figures that is not None as texts show it, with its name: `Q_eoi 63.4 %`."""
+def named_figures(found: object, *names: str, between: str = " ") -> list[str]:
+    """Each of some figures that is not None as texts show it, with its name: `time seen 63.4 %`."""
     known = ((name, getattr(found, name)) for name in names)
-    return [f"{FIGURE_NAMES[name]} {shown_figure(name, value)}" for name, value in known if value is not None]
+    return [f"{FIGURE_NAMES[name]}{between}{shown_figure(name, value)}" for name, value in known if value is not None]
 
 
 ROUNDING = 1e-9  # by how much a quality, or a time [s], may miss a threshold: both come of sums of times

@@ -50,7 +50,7 @@ _LEFT_OUT = {
     "Part": {"name"},
     "Skill": {"name", "folder", "places", "warnings"},
     "Domain": {"name", "path", "requirements", "actions"},
-    "FormulaEntry": {"formula"},  # the parsed formula is there
+    "FormulaEntry": {"formula", "words"},  # the parsed formula is there
     "RetryEntry": {"when"},
     "MotionParameter": {"name", "kinds"},
 }

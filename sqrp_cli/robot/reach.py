@@ -228,7 +228,8 @@ class Unreachable:
 
     def __str__(self) -> str:
         if self.why in ("too far", "too close"):
-            return f"{f'{self.missing:.2f} m' if self.missing >= 0.01 else f'{1e3 * self.missing:.2g} mm'} {self.why}"
+            amount = f"{self.missing:.2f} m" if self.missing >= 0.01 else f"{1e3 * self.missing:.2g} mm"
+            return f"{'out of reach' if self.why == 'too far' else self.why} by {amount}"
         angle = np.degrees(self.missing)
         if self.why == "wrong way round":
             at_best = f"{angle:.{0 if angle >= 2 else 2}f} deg at best"

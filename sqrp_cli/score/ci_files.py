@@ -44,7 +44,7 @@ def write_junit(scorecard: Scorecard, path: Path) -> None:
                 element = Xml.SubElement(case, kind, message=one_line(result.reasons[0]), type=result.status)
                 element.text = "\n".join(map(one_line, result.reasons))
             if (best := result.best) is not None:
-                figures = [one.replace(" ", ": ", 1) for one in named_figures(best, "q_eoi", "q_avg", "time")]
+                figures = named_figures(best, "q_eoi", "q_avg", "time", between=": ")
                 lines = [f"best: {best.name}", *figures]
                 Xml.SubElement(case, "system-out").text = "\n".join(map(one_line, lines))
     for workspace, tasks in groupby(gone, key=lambda task: task.workspace):

@@ -87,7 +87,7 @@ def _outcome(start: Start, kind: Kind) -> KindOutcome:
     else:
         worst = worst_seen([step.result for step in steps])
         stretch = longest_blind_spot(near.change.in_cell(question.cell), steps[worst])
-        said = reached.why_late if stretch is None else stretch.in_short
+        said = reached.why_late if stretch is None else str(stretch)
         limit = said if stretch is None else reasons_of_step(near.analysis.candidate, worst + 1, [said])[0]
     missing, nearer = goal.missed(reached), goal.is_nearer(reached, before)
     found = _change_found(near.change, reached)

@@ -80,7 +80,7 @@ class Goal(Record):
         return self.q_eoi is not None and self.q_avg is None and self.delay is None
 
     def missed(self, found: CandidateResult) -> tuple[str, ...]:
-        """One short text for each part that a candidate does not meet, such as `Q_eoi is 0.0 %, not 100 %`."""
+        """One short text for each part that a candidate does not meet, such as `time seen 0.0 %, not 100 %`."""
         if not found.feasible:
             return (f"it cannot be done: {found.reasons[0]}",)
         missed = []
@@ -88,13 +88,13 @@ class Goal(Record):
             if quality is None:
                 missed.append(f"{FIGURE_NAMES[name]} is undefined")
             elif falls_short(quality, least):
-                missed.append(f"{FIGURE_NAMES[name]} is {shown_figure(name, quality)}, not {100 * least:.4g} %")
+                missed.append(f"{FIGURE_NAMES[name]} {shown_figure(name, quality)}, not {100 * least:.4g} %")
         for name, most, time in self._stated(TIMES, found):
             if time == inf:
                 share = f"{100 * (found.unseen or 0.0):.3g} % of cases"
                 missed.append(f"a fault may never be noticed ({share}), not after {most:.4g} s")
             elif time is not None and time > most:
-                missed.append(f"{FIGURE_NAMES[name]} is {shown_figure(name, time)}, not {most:.4g} s")
+                missed.append(f"{FIGURE_NAMES[name]} {shown_figure(name, time)}, not {most:.4g} s")
         return tuple(missed)
 
     def met(self, found: CandidateResult) -> bool:

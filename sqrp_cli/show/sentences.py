@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from math import ceil, inf
+from math import ceil
 from typing import TYPE_CHECKING
 
-from sqrp_cli.figures import FIGURE_NAMES, shown_figure
-from sqrp_cli.study.ranking import criterion_figure
 from sqrp_cli.study.result import CandidateResult, Criterion, SamplingDone
 
 if TYPE_CHECKING:
@@ -17,11 +15,11 @@ if TYPE_CHECKING:
 
 
 _CRITERION_WORDS: dict[Criterion, str] = {
-    "q_eoi": "best Q_eoi first",
-    "q_avg": "best Q_avg first",
+    "q_eoi": "what is seen best first",
+    "q_avg": "what is seen longest first",
     "time": "fastest first",
-    "delay": "soonest noticed fault first",
-    "expected_time": "soonest done after a fault first",
+    "delay": "what is noticed soonest first",
+    "expected_time": "soonest done after a retry first",
 }
 
 KIND_WORDS: Mapping[Kind, str] = {
@@ -51,32 +49,48 @@ def summary(candidates: Sequence[CandidateResult], by: Criterion) -> str:
     return f"{feasible} of {len(candidates)} candidates can be done{order}"
 
 
-def why_first(feasible: Sequence[CandidateResult], by: Criterion) -> str:
-    """One sentence about why the first is first, and by how much: by the criterion, or by what broke the tie."""
-    first = feasible[0]
-    seen = []
-    if first.q_eoi is not None:
-        seen.append(f"the cameras see {100 * first.q_eoi:.1f} % of the events of interest")
-    if first.q_avg is not None:
-        seen.append(f"{100 * first.q_avg:.1f} % of all that must be seen")
-    strengths = f"{' and '.join(seen) or 'nothing has to be seen'} in {first.time:.1f} s"
-    if len(feasible) == 1:
-        return f"{first.name} can be done: {strengths}."
-    second = feasible[1]
-    margin = f"{second.name} is as good"
-    criteria: tuple[Criterion, ...] = (by, "q_avg", "time")
-    for criterion in criteria:
-        name = "delay_mean" if criterion == "delay" else criterion
-        own, other = criterion_figure(first, criterion), criterion_figure(second, criterion)
-        if own is None or other is None:
-            continue
-        if own < other == inf:
-            margin = f"next comes {second.name}, of which a fault may never be noticed"
-            break
-        if shown_figure(name, own) != shown_figure(name, other):
-            margin = f"next comes {second.name} with {FIGURE_NAMES[name]} {shown_figure(name, other)}"
-            break
-    return f"{first.name} is best: {strengths}; {margin}."
+def first_answer(first: CandidateResult) -> str:
+    """What to do, and what that means: how soon its worst fault is noticed, how long it takes, and with a retry."""
+    return f"Take {first.name}: {what_it_means(first)}"
+
+
+def what_it_means(found: CandidateResult) -> str:
+    """How soon the worst fault of a candidate is noticed, and how long it takes; without faults, what is seen."""
+    noticed = "nothing has to be seen"
+    if (fault := worst_fault(found)) is not None:
+        cost = found.faults[fault]
+        after = "" if cost.delay_mean is None else f"you know after {cost.delay_mean:.2f} s"
+        latest = "" if cost.delay_worst is None else f", at the latest after {cost.delay_worst:.2f} s"
+        never = f"{after and ', but '}{'never' if after else 'you never know'}" if cost.unseen else ""
+        share = f" in {100 * cost.unseen:.3g} % of cases" if 0.0 < cost.unseen < 1.0 else ""
+        noticed = f"if {found.happens.get(fault, f'`{fault}` happens')}, {after}{latest}{never}{share}"
+        noticed += "; of other faults you know sooner" if len(found.faults) > 1 and not cost.unseen else ""
+    elif found.q_avg is not None:
+        noticed = f"the cameras see what they must for {100 * found.q_avg:.1f} % of the time"
+    retried = None if fault is None or fault not in found.retried else found.faults[fault].expected_time
+    again = "" if retried is None else f", and {retried:.1f} s when it has to be done again"
+    return f"{noticed}; it takes {found.time:.1f} s{again}."
+
+
+def worst_fault(found: CandidateResult) -> str | None:
+    """The name of the fault that is noticed last, or never; None without faults."""
+    worst = found.faults
+    return max(worst, key=lambda name: (worst[name].unseen, worst[name].delay_worst or 0.0), default=None)
+
+
+def never_noticed(candidates: Sequence[CandidateResult]) -> list[str]:
+    """A sentence for each fault that may never be noticed: `Never noticed: no camera sees that g3 slips`."""
+    found: list[str] = []
+    for fault in candidates[0].faults if candidates else ():
+        lost = [one for one in candidates if one.faults[fault].unseen > 0]
+        if lost:
+            worst = max(lost, key=lambda one: one.faults[fault].unseen)
+            share, said = worst.faults[fault].unseen, worst.happens.get(fault, f"`{fault}` happens")
+            often = f" in {100 * share:.3g} % of cases" if share < 1.0 else ""
+            what = f"{worst.name} {said[3:]}" if said.startswith("it ") else f"{said} with {worst.name}"
+            more = f" (nor with {len(lost) - 1} more)" if len(lost) > 1 else ""
+            found.append(f"Never noticed{often}: no camera sees that {what}{more}.")
+    return found
 
 
 def differing_parameters(candidates: Sequence[CandidateResult]) -> list[str]:
@@ -110,25 +124,27 @@ def what_to_move(found: Sequence[HidingPart]) -> str:
     )
 
 
-def accuracy(done: SamplingDone, feasible: Sequence[CandidateResult]) -> str:
-    """One sentence about how finely the motions of candidates were sampled, and what that leaves open."""
+def accuracy(done: SamplingDone, feasible: Sequence[CandidateResult], *, short: bool = False) -> str:
+    """One sentence about how finely the motions of candidates were sampled, and what that leaves open; or a clause."""
     gap = done.max_gap or 0.0
-    within = f"Q is within {_two_digits(min(max(100 * (done.error or 0.0), 0.001), 100.0))} points"
+    within = f"exact to {_two_digits(min(max(100 * (done.error or 0.0), 0.001), 100.0))} points"
+    longest_gap = f"{_two_digits(ceil(round(1000 * gap, 3)))} ms"  # rounded up, as it is a bound
     if done.max_motion is not None:  # adaptive
-        longest_gap = f"{_two_digits(ceil(round(1000 * gap, 3)))} ms"  # rounded up, as it is a bound
-        missed = f", save for gains and losses of sight shorter than {longest_gap}; no longer one is missed"
         how = f"Sampled every {1000 * done.max_motion:.0f} mm" + (f" and {longest_gap}" if gap else "")
-        return f"{how} or closer: {within}{missed if gap else ''}."
+        if short:
+            return f"{how}; {within}; -v says more."
+        missed = f", save for what is seen or lost for less than {longest_gap}; nothing longer is missed"
+        return f"{how} or closer: shares of time are {within}{missed if gap else ''}."
     if done.dt is None:
-        how = f"Sampled {done.samples} times per primitive"
+        how = f"Sampled {done.samples} times per piece of motion"
     else:
         # There are always samples where something begins or ends; with a long step, no others.
         longest = max(one.time or 0.0 for one in feasible)
         how = f"Sampled every {done.dt:g} s and" if done.dt < longest else "Sampled only"
-        how += " where a primitive or formula begins or ends"
+        how += " where a piece of motion or a formula begins or ends"
     # The bound covers the changes that were found: samples this far apart may miss others.
     apart = f"up to {_two_digits(gap)} s apart" if gap else "and nothing moves between"
-    return f"{how}, {apart}: {within} if coverage changes at most once between two samples."
+    return f"{how}, {apart}: {within} if what is seen changes at most once between two samples."
 
 
 def short_times(text: str) -> str:

@@ -35,26 +35,43 @@ class Cause(IntEnum):
         """Name in the output, None for a covered box."""
         return None if self is Cause.NONE else cast("CauseLabel", self.name.lower())
 
-    @property
-    def words(self) -> str:
-        """The cause in words, for sentences and tables."""
-        if self is Cause.BEHIND:
-            return "behind the camera"
-        detector = " for its detector" if self in (Cause.DETECTOR_NEAR, Cause.DETECTOR_FAR) else ""
-        return self.name.lower().replace("detector", "too").replace("_", " ") + detector
+    def by(self, culprit: str | None, figure: str = "") -> str:
+        """The cause in words: `above its image`, "behind `table`", `0.03 m too near for its detector`.
 
-    def by(self, culprit: str | None) -> str:
-        """The cause in words, with the culprit if there is one, or the side of the image."""
-        patterns = {
-            Cause.HIDDEN: "{} by {}",
-            Cause.OUT_OF_IMAGE: "{} ({})",
-            Cause.SAME_COLOUR: "{} as {} behind it",
-            Cause.TOO_BRIGHT: "{} in the light of {}",
-        }
-        if culprit is not None:
-            patterns[Cause.TOO_DARK] = "{} in the shadow of {}"
-        return patterns.get(self, "{}").format(self.words, culprit)
+        culprit: what hides it, has its colour or shades it, or the side of the image. figure: by how much it is missed.
+        """
+        words = _WORDS[self]
+        if self is Cause.OUT_OF_IMAGE:
+            words = _BESIDE.get(culprit or "", words)
+        elif culprit is not None:
+            words = {Cause.HIDDEN: "behind `{}`", Cause.TOO_DARK: "too dark in the shadow of `{}`"}.get(self, words)
+        return words.format(culprit or "something", figure=f"{figure} " if figure else "")
 
+
+_WORDS = {
+    Cause.NONE: "seen",
+    Cause.BEHIND: "behind the camera",
+    Cause.TOO_NEAR: "{figure}too near",
+    Cause.TOO_FAR: "{figure}too far",
+    Cause.OUT_OF_IMAGE: "outside its image",
+    Cause.DETECTOR_NEAR: "{figure}too near for its detector",
+    Cause.DETECTOR_FAR: "{figure}too far for its detector",
+    Cause.OBLIQUE: "seen {figure}too flat",
+    Cause.TOO_SMALL: "{figure}too small",
+    Cause.HIDDEN: "hidden",
+    Cause.SAME_COLOUR: "of the same colour as `{}` behind it",
+    Cause.TOO_DARK: "too dark",
+    Cause.TOO_BRIGHT: "too bright in the light of `{}`",
+}
+"""What texts say of the causes."""
+
+_BESIDE = {
+    "left": "left of its image",
+    "right": "right of its image",
+    "top": "above its image",
+    "bottom": "below its image",
+}
+"""What they say of what lies beyond a side of an image."""
 
 CauseLabel = Literal[
     "behind", "too_near", "too_far", "out_of_image", "detector_near", "detector_far", "oblique", "too_small", "hidden",
@@ -85,7 +102,7 @@ class Reason(Record):
     @property
     def words(self) -> str:
         """It in a few words."""
-        return "covered" if self.cause is None else self.limit.by(self.by)
+        return self.limit.by(self.by)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,7 @@ FASTEST = "fastest"  # the value of a branch that leaves it to the time that the
 DIRECT = "direct"  # the path of a joint move that is straight in joint space, and the value of `via` without a stop
 SEEN = "seen"  # the path of a joint move that the cameras can follow
 FIRST_SIDE, FIRST_NUMBER = "+z", 0.0  # the first choices of a side and of a yaw that are left free
-NOTHING_SPECIAL = "as usual"  # what a way says beyond its candidate where that is nothing
+NOTHING_SPECIAL = "as at home"  # what a way says beyond its candidate where that is nothing
 MAX_VALUES = 1000  # most values of one motion parameter
 
 

@@ -5,6 +5,8 @@ The models here, from `SkillFile` down, are both the format of skill.yaml and th
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import field
 from pathlib import Path
@@ -288,6 +290,8 @@ class FormulaEntry(Entry):
     formula: Text = Field(description="Such as always[a1.start, a2.end] (not hold and obj_on_table).")
     response: ResponseEntry = Field(default="stop", description="stop, continue, or {retry: N, when: FORMULA}.")
     settle: Time = Field(default=0.5, description="Time that a literal may lag behind its expected change.")
+    words: Annotated[str, StringConstraints(min_length=1, max_length=80)] | None = None
+    """Of a fault: what happens, as people say it after "if", such as `it slips while it is lifted`."""
 
 
 FormulaOrText = MappingOr[FormulaEntry, Text]
@@ -354,6 +358,31 @@ class Skill:
     def defaults(self) -> dict[str, MotionValue]:
         """The first value of every motion parameter."""
         return {parameter.name: parameter.values[0] for parameter in self.motion_parameters}
+
+    @property
+    def pieces(self) -> dict[str, str]:
+        """What each primitive does in words, by its name, with which those of the same words are told apart."""
+        does = Counter(one.words for one in self.primitives)
+        return {one.name: f"{one.words} ({one.name})" if does[one.words] > 1 else one.words for one in self.primitives}
+
+    def in_pieces(self, said: str) -> str:
+        """A text in which what the robot does stands for names of primitives: `out of reach by 0.10 m (lift)`."""
+        pieces = self.pieces
+        place = re.fullmatch(r"(\w+)(?: to `.*?`)?: (.*)", said)
+        if place is not None and place[1] in pieces:
+            return f"{place[2]} ({pieces[place[1]]})"
+        return re.sub(r"(?<![\w.`(-])[A-Za-z_]\w*(?![\w.`-])", lambda name: pieces.get(name[0], name[0]), said)
+
+    @property
+    def fault_words(self) -> dict[str, str]:
+        """What happens at each fault, by its name: its `words`, or "`slip` happens (lift)", with what is done then."""
+        said = dict[str, str]()
+        for one in self.requirements:
+            if one.name is not None:
+                used = re.findall(r"([A-Za-z_]\w*)\.(?:start|end)\b", one.stated.formula)
+                when = " to ".join(dict.fromkeys(self.pieces[name] for name in used if name in self.pieces))
+                said[one.name] = one.stated.words or f"`{one.name}` happens{f' ({when})' if when else ''}"
+        return said
 
     @property
     def retried_faults(self) -> frozenset[str]:

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.files.entries import Direction, Entry, Extents, FileRecord, Finite, Length, Name, Pose, PoseMatrix, Text
-from sqrp_cli.files.frames import AT_START, TOOL
+from sqrp_cli.files.frames import AT_START, TOOL, WORLD
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.records import dataclass
@@ -91,6 +91,23 @@ class TargetBox(FileRecord):
     def on_object(cls, name: str, **fields: Any) -> TargetBox:  # noqa: ANN401 - the others of a box
         """A box that moves with an object and encloses it."""
         return cls(name=name, frame=name, encloses=(name,), **fields)
+
+
+def fact_words(atom: str, boxes: Iterable[TargetBox], objects: Container[str]) -> str:
+    """What an atom says of the things that its boxes enclose: `the tool holds g1`, `g1 stands on tray`.
+
+    objects: the names of all objects; other frames of boxes are links, which only the tool's boxes have. Of an atom
+    about which the boxes do not say so, its name: "`open` holds".
+    """
+    for box in boxes:
+        name, place = object_of(atom, box, objects), box.frame.removesuffix(AT_START)
+        if name is None or place == WORLD:
+            continue
+        if place not in objects:
+            return f"the tool holds {name}"
+        if place != box.frame or place != name:
+            return f"{name} stands {'where it stood' if place == name else f'on {place}'}"
+    return f"`{atom}` holds"
 
 
 def object_of(atom: str, box: TargetBox, objects: Container[str]) -> str | None:

@@ -5,7 +5,6 @@ All candidates of a task are assessed one after the other or in parallel process
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import field, replace
 from typing import NamedTuple
@@ -149,7 +148,8 @@ def described(one: CandidateResult) -> CandidateResult:
     """A result with all that is said of it in words, as documents have it; also its steps and its ways."""
     candidate, way = one.candidate, one.way
     words = in_words(candidate.skill, candidate.all_parameters)
-    does = {part.name: f"{part.words} ({part.name})" for part in candidate.skill.primitives}
+    happens = candidate.skill.fault_words if one.feasible else {}
+    remarks = [candidate.skill.in_pieces(said) for said in one.remarks]
     ways = one.ways and replace(
         one.ways,
         pareto=tuple(
@@ -157,7 +157,11 @@ def described(one: CandidateResult) -> CandidateResult:
             for found in one.ways.pareto
         ),
     )
-    steps = (replace(described(step), task=step.candidate.task, parameters=step.way.parameters) for step in one.steps)
+    steps = [replace(described(step), task=step.candidate.task, parameters=step.way.parameters) for step in one.steps]
+    if steps:
+        remarks = [f"step {number}: {said}" for number, step in enumerate(steps, 1) for said in step.remarks]
+    for number, step in enumerate(steps, 1):
+        happens |= {f"{number}.{name}": f"{said} (step {number})" for name, said in step.happens.items()}
     return replace(
         one,
         parameters=candidate.parameters,
@@ -165,7 +169,9 @@ def described(one: CandidateResult) -> CandidateResult:
         objects=dict(candidate.binding),
         settings={name: value for name, value in words.items() if name not in candidate.binding},
         choice=choice_in_words(candidate, way) if one.feasible else "",
-        why=tuple(re.sub(r"^\w+(?=:| to )", lambda name: does.get(name[0], name[0]), said) for said in one.reasons),
+        happens=happens,
+        remarks=tuple(remarks),
+        why=tuple(map(candidate.skill.in_pieces, one.reasons)),
         ways=ways,
         steps=tuple(steps),
     )

@@ -90,15 +90,6 @@ _CRITERIA: dict[Criterion, _Figure] = {
 """What each criterion compares; less is better, so that qualities are negative."""
 
 
-def criterion_figure(one: CandidateResult, by: Criterion) -> float | None:
-    """The figure of a criterion: a quality in 0..1, or a time [s]; None where it is undefined.
-
-    A time is infinite where a fault may never be noticed.
-    """
-    figure = _CRITERIA[by](one)
-    return abs(figure) if figure is not None and by in ("q_eoi", "q_avg") else figure
-
-
 def _undominated(one: CandidateResult, others: Sequence[CandidateResult]) -> bool:
     """Whether none of the others is at least as good in qualities and time, and better in one."""
     criteria: tuple[Criterion, ...] = ("q_avg", "q_eoi", "time")

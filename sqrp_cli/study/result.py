@@ -24,7 +24,7 @@ else:  # no file has it
 Criterion = Literal["q_eoi", "q_avg", "time", "delay", "expected_time"]
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
 
-NOTHING_MISSING = "Every literal is covered all the time"
+NOTHING_MISSING = "Everything that must be seen is seen"
 """What the verdict says of a candidate without a blind spot."""
 
 
@@ -45,7 +45,7 @@ class WayFigures(Qualities):
     unseen: float | None
     """The largest share of times after which a fault may never be noticed, in 0..1; null without faults."""
     words: str = ""
-    """What it says beyond its candidate, such as `left, flipped`."""
+    """What it says beyond its candidate, such as `shoulder left, wrist flipped`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +107,9 @@ class CandidateResult(Figures):
     settings: Mapping[str, str] = field(default_factory=dict)
     """The value of each other parameter in words, with its unit."""
     choice: str = ""
-    """What the way behind the figures says beyond the candidate, such as `left, flipped`."""
+    """What the way behind the figures says beyond the candidate, such as `shoulder left, wrist flipped`."""
+    happens: Mapping[str, str] = field(default_factory=dict)
+    """What happens at each fault, such as `it slips while it is lifted`, by the fault's name."""
     retried: tuple[str, ...] = ()
     """The faults after which the robot tries again."""
     remarks: tuple[str, ...] = ()

@@ -1,7 +1,4 @@
-"""The score of a candidate explained in a sentence or two.
-
-Which literal is not covered when, why each camera does not see it, who sees it before and after, and what would help.
-"""
+"""The score of a candidate explained in a sentence or two: what no camera sees when, why, and what would help."""
 
 from __future__ import annotations
 
@@ -25,6 +22,7 @@ from sqrp_cli.sight.limits import Cause, Reason
 from sqrp_cli.sight.observer import sees_all
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import Target
+from sqrp_cli.skill.target_box import fact_words
 from sqrp_cli.study.analysis import Observed
 from sqrp_cli.study.blind_spans import by_name, first_failing
 from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult
@@ -36,34 +34,19 @@ of them."""
 _MOST_TURN, _MOST_SHIFT, _TRIED = 30, 1.0, 3
 """By how much a camera may be turned [deg] or moved [m] to close a gap, and how many are tried, the least first."""
 
-_SENTENCES = {
-    Cause.BEHIND: "{camera} looks away from {target}",
-    Cause.TOO_NEAR: "{camera} is {figure} too near to {target}",
-    Cause.TOO_FAR: "{camera} is {figure} too far from {target}",
-    Cause.OUT_OF_IMAGE: "{camera} has {target} outside its image ({by})",
-    Cause.DETECTOR_NEAR: "{camera} is {figure} too near to {target} for its detector",
-    Cause.DETECTOR_FAR: "{camera} is {figure} too far from {target} for its detector",
-    Cause.OBLIQUE: "{camera} sees {target} {figure} too obliquely",
-    Cause.TOO_SMALL: "{camera} sees {target} {figure} too small",
-    Cause.HIDDEN: "{camera} cannot see {target} behind {by}",
-    Cause.SAME_COLOUR: "{camera} cannot tell {target} from {by} of the same colour behind it",
-    Cause.TOO_DARK: "{target} is too dark for {camera}{shadow}",
-    Cause.TOO_BRIGHT: "{target} is too bright for {camera} in the light of {by}",
-}
-
 _ADVICE = {
-    Cause.BEHIND: "turn {camera} round, or say `convention: body`",
-    Cause.TOO_NEAR: "move {camera} back",
-    Cause.TOO_FAR: "move {camera} closer or raise its far range",
+    Cause.BEHIND: "turn camera `{camera}` round, or say `convention: body`",
+    Cause.TOO_NEAR: "move camera `{camera}` back",
+    Cause.TOO_FAR: "move camera `{camera}` closer or raise its far range",
     Cause.OUT_OF_IMAGE: "",  # no turn that is tried shows all of it
-    Cause.DETECTOR_NEAR: "move {camera} back",
-    Cause.DETECTOR_FAR: "move {camera} closer",
-    Cause.OBLIQUE: "move {camera} round to face it",
-    Cause.TOO_SMALL: "move {camera} closer or narrow its view",
-    Cause.HIDDEN: "move {camera} to where {by} is not in its way, or try another approach",
-    Cause.SAME_COLOUR: "move {camera} to where {by} is not behind it, or give {by} another colour",
-    Cause.TOO_DARK: "raise the gain of {camera} or add light from where nothing shades {target}",
-    Cause.TOO_BRIGHT: "lower the gain of {camera} or dim {by}",
+    Cause.DETECTOR_NEAR: "move camera `{camera}` back",
+    Cause.DETECTOR_FAR: "move camera `{camera}` closer",
+    Cause.OBLIQUE: "move camera `{camera}` round to face it",
+    Cause.TOO_SMALL: "move camera `{camera}` closer or narrow its view",
+    Cause.HIDDEN: "move camera `{camera}` to where `{by}` is not in its way, or try another approach",
+    Cause.SAME_COLOUR: "move camera `{camera}` to where `{by}` is not behind it, or give `{by}` another colour",
+    Cause.TOO_DARK: "raise the gain of camera `{camera}` or add light from where nothing shades it",
+    Cause.TOO_BRIGHT: "lower the gain of camera `{camera}` or dim `{by}`",
 }
 
 _CHANGED = frozenset(
@@ -94,10 +77,10 @@ class CameraChange:
 
     def __str__(self) -> str:
         if self.back:
-            return f"move {{camera}} {100 * abs(self.back):.0f} cm {'back' if self.back > 0 else 'closer'}"
+            return f"moving camera `{{}}` {100 * abs(self.back):.0f} cm {'back' if self.back > 0 else 'closer'}"
         sides = ((self.right, "to the right", "to the left"), (self.up, "up", "down"))
         words = [back if value < 0 else forth for value, forth, back in sides if abs(value) > 0.1 * self.angle]
-        return f"turn {{camera}} {self.angle:.0f} deg {' and '.join(words)}"
+        return f"turning camera `{{}}` {self.angle:.0f} deg {' and '.join(words)}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,8 +96,8 @@ class CameraCause(Reason):
     change: CameraChange | None = None
     """With which enough cameras see the target wherever it is not covered in the stretch, if one was found."""
 
-    def sentence(self, templates: dict[Cause, str], atom: Atom) -> str:
-        """One of the sentences above about this camera."""
+    def __str__(self) -> str:
+        """The camera and the cause: "camera `left`: above its image"."""
         match self.limit:
             case Cause.OBLIQUE:
                 figure = f"{np.degrees(self.figure):.0f} deg"
@@ -122,9 +105,7 @@ class CameraCause(Reason):
                 figure = f"{self.figure:.0f} px"
             case _:
                 figure = f"{self.figure:.2f} m"
-        shadow = f", in the shadow of {self.by}" if self.by else ""
-        words = {"camera": self.camera, "by": self.by, "figure": figure, "target": atom, "shadow": shadow}
-        return templates[self.limit].format_map(words)
+        return f"camera `{self.camera}`: {self.limit.by(self.by, figure)}{' for a part of it' * self.partly}"
 
 
 @dataclass(frozen=True)
@@ -137,64 +118,31 @@ class BlindSpot:
     """Last uncovered sample [s]."""
     atom: Atom
     """One whose target is not covered."""
+    fact: str
+    """The atom in words."""
     causes: tuple[CameraCause, ...]
     """Causes of all cameras that do not see it; the one for which the least change closes the gap comes first."""
-    seeing: tuple[str, ...]
-    """The cameras that see it."""
     needed: int
     """Number of cameras that must see it."""
-    before: tuple[str, ...] = ()
-    """The cameras that see it right before."""
-    after: tuple[str, ...] = ()
-    """The cameras that see it right after."""
 
     def __str__(self) -> str:
-        if len(self.causes) < 2 or self.needed > 1:
-            return self.in_short
-        both = self.before == self.after
-        times = [(self.before, "before and after")] if both else [(self.before, "before"), (self.after, "after")]
-        around = ", ".join(f"{_who_see(names)} it {word}" for names, word in times if names)
-        others = _listed(self.causes[1:])
-        return f"{self.in_short}, and no other camera makes up for it ({others}){around and f'; {around}'}"
-
-    @property
-    def in_short(self) -> str:
-        """Which camera does not see it when, and why; where several have to, all that do not."""
+        """When no camera sees it, and why not the one that comes nearest; where several have to, all that do not."""
         when = TimeInterval(self.start, self.end).when
-        if not self.causes:
-            cameras = "1 camera that sees" if self.needed == 1 else f"{self.needed} cameras that see"
-            there = f"{'is' if len(self.seeing) == 1 else 'are'} only {len(self.seeing)}"
-            return f"{self.atom} needs {cameras} it, but there {there}, {when}"
-        if self.needed > 1:
-            # No single camera is to blame, and each may see the target for a while.
-            seen = f"; {_who_see(self.seeing)} it" if self.seeing else ""
-            return f"Fewer than {self.needed} cameras see {self.atom} {when} ({_listed(self.causes)}{seen})"
-        return f"{self.causes[0].sentence(_SENTENCES, self.atom)} {when}"
+        who = "no camera sees" if self.needed == 1 else f"fewer than {self.needed} cameras see"
+        shown = self.causes[: 1 if self.needed == 1 else None]
+        why = "; ".join(map(str, shown)) or ("there is none" if self.needed == 1 else "there are no more")
+        return f"{when[0].upper()}{when[1:]} {who} whether {self.fact} ({why})"
 
     @property
-    def advice(self) -> str:
-        """What would help; empty where nothing is known to."""
+    def remedy(self) -> str:
+        """What would or may help, as the end of a sentence; empty where nothing is known to."""
         if not self.causes:
-            return "add a camera"
+            return "it may help to add a camera"
         nearest = self.causes[0]
-        if nearest.change is None:
-            return nearest.sentence(_ADVICE, self.atom)
-        return str(nearest.change).format(camera=nearest.camera)
-
-
-def _who_see(cameras: Sequence[str]) -> str:
-    return f"{', '.join(cameras)} {'sees' if len(cameras) == 1 else 'see'}"
-
-
-def _listed(causes: Sequence[CameraCause]) -> str:
-    """Cameras grouped by their causes, each in a few words."""
-    groups: dict[str, list[str]] = defaultdict(list)
-    for cause in causes:
-        words = f"behind {cause.by}" if cause.limit is Cause.HIDDEN else cause.limit.words
-        if cause.limit in (Cause.SAME_COLOUR, Cause.TOO_DARK, Cause.TOO_BRIGHT):
-            words = cause.limit.by(cause.by)
-        groups[f"{words} for a part of that time" if cause.partly else words].append(cause.camera)
-    return "; ".join(f"{', '.join(cameras)}: {words}" for words, cameras in groups.items())
+        if nearest.change is not None:  # it was tried
+            return f"{str(nearest.change).format(nearest.camera)} would help"
+        advice = _ADVICE[nearest.limit].format(camera=nearest.camera, by=nearest.by)
+        return advice and f"it may help to {advice}"
 
 
 def with_verdict(cell: Cell, seen: Observed, result: CandidateResult) -> CandidateResult:
@@ -202,15 +150,14 @@ def with_verdict(cell: Cell, seen: Observed, result: CandidateResult) -> Candida
 
     Moves that go around something are named at the end.
     """
-    blind_spot, remedy, remarks = NOTHING_MISSING, "", seen.planned.motion.remarks
+    blind_spot, remedy, candidate = NOTHING_MISSING, "", seen.planned.candidate
+    remarks = [candidate.skill.in_pieces(one) for one in seen.planned.motion.remarks]
     if (stretch := longest_blind_spot(cell, seen)) is not None:
-        candidate = seen.planned.candidate
         stated = any(not parameter.implicit for parameter in candidate.skill.motion_parameters)
         all_tried = candidate.branch or not (candidate.skill.waypoints or stated)
-        advice = stretch.advice.removesuffix(_OTHER_WAY) if all_tried else stretch.advice
-        helps = bool(stretch.causes) and stretch.causes[0].change is not None  # else it was not tried
-        blind_spot, remedy = str(stretch), advice and f"It {'would' if helps else 'may'} help to {advice}"
-    sentences = (blind_spot, remedy, remarks and f"On the way {', '.join(remarks)}")
+        blind_spot = str(stretch)
+        remedy = stretch.remedy.removesuffix(_OTHER_WAY) if all_tried else stretch.remedy
+    sentences = ("; ".join(filter(None, (blind_spot, remedy))), remarks and f"On the way {', '.join(remarks)}")
     return replace(
         result, verdict=" ".join(f"{one}." for one in sentences if one), blind_spot=blind_spot, remedy=remedy
     )
@@ -246,10 +193,7 @@ def explain_blind_spot(cell: Cell, observed: Observed, rows: Indices) -> BlindSp
     names = [camera.name for camera in cell.observer.cameras]
     sees = sees_all(worst.boxes) & timeline.observation.required[worst.look, worst.column][:, None]
     start, end = np.flatnonzero(worst.few)[[0, -1]].tolist()
-    before, after = (
-        tuple(name for name, seen in zip(names, some.any(axis=0), strict=True) if seen)
-        for some in (sees[:start], sees[end + 1 :])
-    )
+    beside = sees[:start].any(axis=0) | sees[end + 1 :].any(axis=0)  # which cameras see it right before or after
     # Why each camera does not see the uncovered target, if it does not: its commonest first failing limit.
     looked = np.flatnonzero(worst.few)[worst.uncovered]
     first, _ = first_failing(worst.boxes, looked)
@@ -269,18 +213,15 @@ def explain_blind_spot(cell: Cell, observed: Observed, rows: Indices) -> BlindSp
     # A change that closes the gap comes first; else one who sees it before or after is nearest to seeing it.
     causes = sorted(
         (replace(cause, change=changed.get(cause.camera)) for cause in causes),
-        key=lambda one: (one.change is None, one.partly, one.camera not in (*before, *after), -one.limit),
+        key=lambda one: (one.change is None, one.partly, not beside[names.index(one.camera)], -one.limit),
     )
-    not_seeing = {cause.camera for cause in causes}
     return BlindSpot(
         start=float(timeline.samples.t[rows[0]]),
         end=float(timeline.samples.t[rows[-1]]),
         atom=worst.target.atom,
+        fact=fact_words(str(worst.target.atom), worst.target.boxes, cell.workspace.objects),
         causes=tuple(causes),
-        seeing=tuple(name for name in names if name not in not_seeing),
         needed=worst.target.cameras,
-        before=before,
-        after=after,
     )
 
 

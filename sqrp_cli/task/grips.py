@@ -167,14 +167,21 @@ _ORDER = ("left", "right", "no_flip", "flip", "up", "down")
 _UNSAID = ("no_flip", "up", "direct", "+z", "0")
 """Values that are so usual that only the others are said."""
 
-_SAID = {"flip": "flipped", "down": "elbow down", "home": "via home", "seen": "seen path"}
+_SAID = {
+    "left": "shoulder left",
+    "right": "shoulder right",
+    "flip": "wrist flipped",
+    "down": "elbow down",
+    "home": "via home",
+    "seen": "path in sight",
+}
 
 
 def way_in_words(skill: Skill, asked: Mapping[str, MotionValue], found: Mapping[str, MotionValue]) -> str:
-    """What a way's parameters say beyond those of its candidate.
+    """What a way's parameters say beyond those of its candidate, such as `shoulder left, tool turned 90 deg`.
 
     asked, found: the parameters of the candidate, and of the way. Where it chooses for several joint moves, each choice
-    for one of them names it.
+    for one of them names it by what it does.
     """
     values = in_words(skill, found)
     chosen = [(name, values[name]) for name, value in found.items() if asked.get(name) != value]
@@ -186,13 +193,17 @@ def way_in_words(skill: Skill, asked: Mapping[str, MotionValue], found: Mapping[
         users = {move.name for move in moves if stated in (move.elbow, move.shoulder, move.wrist, move.via)}
         owners[name] = {owner} if owner else users
     several = len(set().union(*owners.values()) & {move.name for move in moves}) > 1
+    puts = [place for place in skill.waypoints.values() if isinstance(place, PutWaypoint)]
     said = []
     for name, value in chosen:
         if value not in _UNSAID:
-            setting = name.rpartition(".")[2]
-            words = f"{setting} {value}" if setting == "solution" else _SAID.get(value, value)
+            setting, owner = name.rpartition(".")[2], min(owners[name], default="")
+            put = isinstance(skill.waypoints.get(owner), PutWaypoint) or any(Reference(name) == one.yaw for one in puts)
+            words = f"arm position {value}" if setting == "solution" else _SAID.get(value, value)
+            words = f"{'part' if put else 'tool'} turned {value}" if value.endswith(" deg") else words
+            words = f"from its {value} side" if value[:1] in "+-" and value[1:] in ("x", "y", "z") else words
             named = len(owners[name]) == 1 and (several or setting not in (name, "solution"))
-            said.append(f"{min(owners[name])} {words}" if named else words)
+            said.append(f"{words} ({skill.pieces.get(owner, owner)})" if named else words)
     if asked.get("path", "direct") != found.get("path", "direct") == "direct":
         said.append("direct path")
     return ", ".join(said) or NOTHING_SPECIAL

@@ -62,7 +62,7 @@ def watch_ranked(sqrp, watch):
 def missing_reach(candidate: Document) -> float | None:
     """By how much [m] a candidate is said to be too far, None where it is not for that."""
     figure = re.search(r"(\d+(?:\.\d+)?) m\b", candidate["reasons"][0] if candidate["reasons"] else "")
-    return float(figure[1]) if figure and "too far" in candidate["reasons"][0] else None
+    return float(figure[1]) if figure and "out of reach" in candidate["reasons"][0] else None
 
 
 def test_the_reason_of_g6_says_by_how_much_it_is_out_of_reach_and_moving_it_by_less_does_not_help(

@@ -36,9 +36,9 @@ def with_wrist_at(distance: float, seed: int) -> Array:
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(("distance", "missing", "said"), [
-        (UPPER + FORE + 0.005, 0.005, "5 mm too far"), (UPPER + FORE + 0.21, 0.21, "0.21 m too far"),
-        (UPPER + FORE + 1.7, 1.7, "1.70 m too far"), (UPPER - FORE - 0.02, 0.02, "0.02 m too close"),
-        (UPPER - FORE - 0.15, 0.15, "0.15 m too close"),
+        (UPPER + FORE + 0.005, 0.005, "out of reach by 5 mm"), (UPPER + FORE + 0.21, 0.21, "out of reach by 0.21 m"),
+        (UPPER + FORE + 1.7, 1.7, "out of reach by 1.70 m"), (UPPER - FORE - 0.02, 0.02, "too close by 0.02 m"),
+        (UPPER - FORE - 0.15, 0.15, "too close by 0.15 m"),
 ])  # fmt: skip
 def test_too_far_or_too_close_by_what_the_stretched_or_folded_arm_lacks(spherical, seed, distance, missing, said):
     reason = all_solutions(spherical, with_wrist_at(distance, seed))

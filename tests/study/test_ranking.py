@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.figures import FaultMetrics, Qualities
-from sqrp_cli.study.ranking import contenders, criterion_figure, rank, winners
+from sqrp_cli.study.ranking import contenders, rank, winners
 from sqrp_cli.study.result import CRITERIA, CandidateResult, Criterion
 from sqrp_cli.task.task import Candidate, read_task
 from tests.cells import read_cases
@@ -63,8 +63,6 @@ def test_infeasible_candidates_come_last_without_a_rank() -> None:
     ranking = rank([infeasible(0), assessed(1, 0.1, 0.1, 9.0), infeasible(2)], "q_eoi")
     assert [(one.candidate.name, one.rank) for one in ranking] == [("g2", 1), ("g1", None), ("g3", None)]
     assert not any(ranked.pareto for ranked in ranking if ranked.rank is None)
-    # A quality of nothing is nought and has no sign.
-    assert str(criterion_figure(assessed(0, 0.0, 0.0, 9.0), "q_eoi")) == "0.0"
 
 
 figures = st.tuples(st.integers(0, 10), st.integers(0, 10), st.integers(1, 5))

@@ -55,7 +55,7 @@ def write_ranking(
     said = f"{sentences.summary(candidates, found.by)}."
     if found.feasible:
         about.append(("accuracy", sentences.accuracy(found.sampling, found.feasible)))
-        said += f" {sentences.why_first(found.feasible, found.by)}"
+        said = f"{sentences.first_answer(found.feasible[0])} {said}"
     title = f"{found.task} in {cell.workspace.name}"
     write_page(PageContent(title, said, "Candidates", about, entries, [cell_scene(cell)]), path)
 

@@ -123,8 +123,8 @@ def print_table(columns: Sequence[Column], rows: Iterable[Sequence[TableCell]]) 
     if not lines:
         say(f"{columns[0].title}: none")
         return
-    for narrow in (False, True):
-        titles, cells, width = _laid_out(columns, lines, narrow=narrow)
+    for bars, broken in ((True, False), (False, False), (False, True)):
+        titles, cells, width = _laid_out(columns, lines, bars=bars, broken=broken)
         if width > console.width:
             continue
         table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_edge=False)
@@ -148,25 +148,25 @@ def print_table(columns: Sequence[Column], rows: Iterable[Sequence[TableCell]]) 
 
 def fits(columns: Sequence[Column], rows: Sequence[Sequence[TableCell]]) -> bool:
     """Whether the terminal is wide enough for these columns, bars left out, so that no row becomes a paragraph."""
-    return _laid_out(columns, rows, narrow=True)[2] <= output().width
+    return _laid_out(columns, rows, bars=False, broken=True)[2] <= output().width
 
 
 def _laid_out(
-    columns: Sequence[Column], rows: Sequence[Sequence[TableCell]], *, narrow: bool
+    columns: Sequence[Column], rows: Sequence[Sequence[TableCell]], *, bars: bool, broken: bool
 ) -> tuple[list[str], list[list[Text]], int]:
     """Titles and cells of a table, and its least width.
 
-    narrow: without bars, and titles in lines that fit their columns, or else are as short as possible.
+    bars: with them. broken: titles are in lines that fit their columns, or else are as short as possible.
     """
     cells = []
     for row in rows:
-        shown = (cell if isinstance(cell, Styled) else percentage(cell, bar=not narrow) for cell in row)
+        shown = (cell if isinstance(cell, Styled) else percentage(cell, bar=bars) for cell in row)
         cells.append([cell if isinstance(cell, Text) else Text(one_line(cell)) for cell in shown])
     titles = ["\n".join(one_line(line) for line in column.title.split("\n")) for column in columns]
     total = 2 * (len(columns) - 1)
     for number, column in enumerate(columns):
         texts = [str(line[number]) for line in cells]
-        if narrow:
+        if broken:
             width = max(map(cell_len, texts), default=0)
             words = [w if len(w) <= LONGEST_TITLE else w.replace("_", "_\n") for w in titles[number].split()]
             lines = words[:1]

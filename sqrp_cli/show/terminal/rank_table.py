@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import degrees
 
-from sqrp_cli.figures import named_figures
 from sqrp_cli.show import sentences
 from sqrp_cli.show.terminal.console import (
     Column,
@@ -21,6 +20,7 @@ from sqrp_cli.show.terminal.console import (
     seconds,
     styled,
 )
+from sqrp_cli.show.terminal.progress_lines import Verbosity, verbosity
 from sqrp_cli.study.ranking import compared_quality
 from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult, Ranking
 
@@ -30,12 +30,14 @@ MOST_ROWS = 20  # a ranking of more candidates shows only some, unless all are a
 
 
 def print_ranking(found: Ranking, *, all_rows: bool = False) -> None:
-    """The table with a row per feasible candidate, the infeasible ones with reasons, and a summary.
+    """What to do, the table with a row per feasible candidate, the infeasible ones with reasons, and details.
 
     all_rows: however many there are; else of a long ranking only those that sentences name, and the best for each
     choice of objects.
     """
     feasible, all_ways = found.feasible, found.ways == "all"
+    if feasible:
+        say(f"{sentences.first_answer(feasible[0])}\n", "bold")
     say(joined([(found.task, "bold"), f" in {found.workspace}: {sentences.summary(found.candidates, found.by)}\n"]))
     if feasible:
         shown: Sequence[CandidateResult] = feasible
@@ -57,17 +59,17 @@ def print_ranking(found: Ranking, *, all_rows: bool = False) -> None:
                 return "-" if ends is None else f"{100 * ends[0]:.1f} to {100 * ends[1]:.1f}"
 
             rows = [(name, span(o.q_eoi), span(o.q_avg), f"{o.first} of {drawn.draws}") for name, o in pairs]
-            print_table([Column(""), *numbers("Q_eoi [%]", "Q_avg [%]", "first in")], rows)
+            print_table([Column(""), *numbers("critical time seen [%]", "time seen [%]", "first in")], rows)
     for one in feasible:
         if one.remarks:
             say(f"{one.name}: {', '.join(one.remarks)}")
-    print_infeasible((one.name, one.objects, one.reasons[0]) for one in found.candidates if not one.feasible)
+    print_infeasible((one.name, one.objects, one.why[0]) for one in found.candidates if not one.feasible)
     if feasible:
         say()
         for sentence in _sentences(feasible, found):
             say(sentence)
-        say("* Pareto-optimal: none is as good in Q_eoi, Q_avg and time and better in one.", "dim")
-        say(sentences.accuracy(found.sampling, feasible), "dim")
+        say("* No other row is better in everything.", "dim")
+        say(sentences.accuracy(found.sampling, feasible, short=verbosity.get() is not Verbosity.VERBOSE), "dim")
     if all_ways:
         print_ways(found.candidates)
     if found.interrupted:
@@ -76,12 +78,11 @@ def print_ranking(found: Ranking, *, all_rows: bool = False) -> None:
 
 
 def _sentences(feasible: Sequence[CandidateResult], found: Ranking) -> Iterator[str]:
-    """Why the first is first and the last last, what other ways there are, and where no path helps."""
-    yield sentences.why_first(feasible, found.by)
-    last = feasible[-1]
-    all_seen = last.verdict == f"{NOTHING_MISSING}."
+    """What is never noticed, why the last is last, what faster ways there are, and where no path helps."""
+    yield from sentences.never_noticed(feasible)
+    last, all_seen = feasible[-1], feasible[-1].verdict == f"{NOTHING_MISSING}."
     if len(feasible) > 1:
-        beginning = f"Even in the last, {last.name}," if all_seen else f"Last is {last.name}:"
+        beginning = f"Even with {last.name}, the last," if all_seen else f"Why {last.name} is last:"
         yield f"{beginning} {last.verdict[0].lower()}{last.verdict[1:]}"
     elif not all_seen:
         yield last.verdict
@@ -89,7 +90,7 @@ def _sentences(feasible: Sequence[CandidateResult], found: Ranking) -> Iterator[
     for one in feasible:
         first, *others = one.ways.pareto if one.ways is not None and one.ways.pareto else (None,)
         way = min(others, key=lambda other: other.time, default=None)
-        # The fastest Pareto-optimal way, if it sees less than the best, as qualities are compared.
+        # The fastest way that none beats, if it sees less than the best, as qualities are compared.
         if (
             first is not None
             and way is not None
@@ -99,14 +100,14 @@ def _sentences(feasible: Sequence[CandidateResult], found: Ranking) -> Iterator[
                 for own, other in ((way.q_eoi, first.q_eoi), (way.q_avg, first.q_avg))
             )
         ):
-            faster.append(f"{one.name} in {way.time:.1f} s ({', '.join(named_figures(way, 'q_eoi', 'q_avg'))})")
+            faster.append(f"{one.name} {way.time:.1f} s instead of {first.time:.1f} s")
         total: dict[str, float] = {}
         for end in one.ways.blind_ends if one.ways is not None else ():
             total[end.at] = total.get(end.at, 0.0) + end.seconds
         if places := " and ".join(f"`{at}` {of:.1f} s" for at, of in total.items() if of >= SHORTEST_BLIND):
             blind.append(f"{one.name} {places}")
     if faster:
-        yield f"Faster ways rank lower: {_first_few(faster)}; {'below' if found.ways == 'all' else 'see --ways all'}."
+        yield f"Faster, but seen worse: {_first_few(faster)} ({'below' if found.ways == 'all' else '--ways all'})."
     if blind:
         yield f"No path helps at ends of moves that the cameras do not see: {_first_few(blind)}."
 
@@ -117,11 +118,13 @@ def _first_few(texts: Sequence[str]) -> str:
 
 
 def print_ways(candidates: Iterable[CandidateResult]) -> None:
-    """A table of the Pareto-optimal ways of each candidate that has several."""
+    """A table of the ways that no other beats, of each candidate that has several."""
     for one in candidates:
         if one.ways is not None and one.ways.pareto:
-            say(f"\n{one.name}: {one.ways.feasible} of {one.ways.tried} ways can be done; Pareto-optimal are")
-            columns = [Column("way"), *numbers("Q_eoi [%]", "Q_avg [%]", "time\n[s]", "at\nworst")]
+            known = f"{one.ways.feasible} of {one.ways.tried} ways can be done"
+            say(f"\n{one.name}: {known}; none is better than these in everything:")
+            titles = "critical time\nseen [%]", "time seen\n[%]", "takes\n[s]", "noticed at\nthe latest [s]"
+            columns = [Column("way"), *numbers(*titles)]
             worst = [delay(way.delay_worst, way.unseen) for way in one.ways.pareto]
             rows = [
                 (way.words, way.q_eoi, way.q_avg, seconds(way.time), late)
@@ -145,17 +148,18 @@ def _figures(feasible: Sequence[CandidateResult]) -> list[_Figure]:
     found: list[_Figure] = []
     if any(one.has_choice for one in feasible):
         found.append((Column("way", shrink=True), lambda one: one.choice))
-    q_eoi, q_avg, expected, time = numbers("Q_eoi [%]", "Q_avg [%]", "expected\n[%]", "time\n[s]")
-    found += [(q_eoi, lambda one: one.q_eoi), (q_avg, lambda one: one.q_avg)]
-    if any(one.q_expected is not None for one in feasible):
-        found.append((expected, lambda one: one.q_expected))
-    found.append((time, lambda one: seconds(one.time)))
-    if faults := list(feasible[0].faults):
-        mean, at_worst = numbers(f"{faults[0] if len(faults) == 1 else 'fault'}\nseen [s]", "at\nworst")
+    if feasible[0].faults:
+        mean, at_worst = numbers("noticed\nafter\n[s]", "at the\nlatest\n[s]")
         found.append((mean, lambda one: worst(one, "delay_mean", one.faults)))
         found.append((at_worst, lambda one: worst(one, "delay_worst", one.faults)))
+    q_eoi, q_avg, likely, time, done = numbers(
+        "critical\ntime\nseen [%]", "time\nseen\n[%]", "likely\nseen\n[%]", "takes\n[s]", "done\nafter a\nretry\n[s]"
+    )
+    found += [(q_eoi, lambda one: one.q_eoi), (q_avg, lambda one: one.q_avg)]
+    if any(one.q_expected is not None for one in feasible):
+        found.append((likely, lambda one: one.q_expected))
+    found.append((time, lambda one: seconds(one.time)))
     if retried := feasible[0].retried:
-        (done,) = numbers("all\ndone")
         found.append((done, lambda one: worst(one, "expected_time", retried, "{:.1f}")))
     return found
 
@@ -179,18 +183,8 @@ def _print_feasible(feasible: Sequence[CandidateResult], shown: Sequence[Candida
         say(f"... and {len(feasible) - len(shown)} more (--all)", "dim")
     faults, retried = list(shown[0].faults), shown[0].retried
     if len(faults) > 1:
-        done = f"; all done: after a retry of {', '.join(retried)}" if retried else ""
-        say(styled(f"seen, at worst: the longest of {', '.join(faults)}{done}.", "dim"))
-    unseen = []  # of which candidates a fault may be seen in no image, and how often
-    for name in faults:
-        shares = {one.name: one.faults[name].unseen for one in shown if one.faults[name].unseen > 0}
-        if shares:
-            most = max(shares, key=lambda candidate: shares[candidate])  # the first of those with as much
-            more = f" and {len(shares) - 1} more" if len(shares) > 1 else ""
-            whose = f" of {most}{more}" if len(shown) > 1 else ""
-            unseen.append(f"{name}{whose} in {'up to ' if more else ''}{100 * shares[most]:.3g} % of cases")
-    if unseen:
-        say(f"Never noticed, as no image is sure to show it: {', '.join(unseen)}.")
+        done = f"; done after a retry of {', '.join(retried)}" if retried else ""
+        say(styled(f"Noticed: the longest of {', '.join(faults)}{done}.", "dim"))
 
 
 def print_infeasible(found: Iterable[tuple[str, Mapping[str, str], str]]) -> None:
@@ -210,4 +204,4 @@ def print_infeasible(found: Iterable[tuple[str, Mapping[str, str], str]]) -> Non
         who += f" and {len(named) - MOST_NAMED} more" if len(named) > MOST_NAMED else ""
         who += f", {len(group)} candidates" if len(group) > len(named) else ""
         who = group[0][0] if len(group) == 1 else who
-        say(joined([("infeasible ", "red"), f"{who}: {general if len(reasons) > 1 else reasons.pop()}"]), indent=2)
+        say(joined([("cannot be done: ", "red"), f"{who}: {general if len(reasons) > 1 else reasons.pop()}"]), indent=2)
