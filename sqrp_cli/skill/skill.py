@@ -363,7 +363,7 @@ class Skill:
     def pieces(self) -> dict[str, str]:
         """What each primitive does in words, by its name, with which those of the same words are told apart."""
         does = Counter(one.words for one in self.primitives)
-        return {one.name: f"{one.words} ({one.name})" if does[one.words] > 1 else one.words for one in self.primitives}
+        return {one.name: f"{one.words}, {one.name}" if does[one.words] > 1 else one.words for one in self.primitives}
 
     def in_pieces(self, said: str) -> str:
         """A text in which what the robot does stands for names of primitives: `out of reach by 0.10 m (lift)`."""
