@@ -39,7 +39,7 @@ _POSE = re.compile(r"X_[A-Z]{2}")
 
 
 _LEFT_OUT = {
-    "Workspace": {"name", "path", "files", "values", "warnings", "places", "tasks"},
+    "Workspace": {"name", "path", "files", "values", "warnings", "places", "tasks", "derived"},
     "Robot": {"urdf", "srdf", "package_roots", "tool", "parts", "limits", "stop_limits", "home", "fingers", "markers"},
     "Tool": {"urdf", "file"},
     "UrdfJoint": {"name", "lower", "upper", "velocity"},  # `Robot.limits` has them
@@ -48,7 +48,7 @@ _LEFT_OUT = {
     "Detector": {"dictionaries", "is_usual"},  # of markers, which are there
     "SceneObject": {"name", "parts", "X_FO"},
     "Part": {"name"},
-    "Skill": {"name", "folder", "places", "warnings"},
+    "Skill": {"name", "folder", "places", "warnings", "initially"},  # `state` has what follows,
     "Domain": {"name", "path", "requirements", "actions"},
     "FormulaEntry": {"formula", "words"},  # the parsed formula is there
     "RetryEntry": {"when"},

@@ -1,23 +1,22 @@
 """Phase 1 in one call: a workspace folder becomes a validated `Workspace`.
 
-Names and sizes that need both the workspace and its skills are checked here, and the object in the tool at the
-beginning is found from the facts.
+Names and sizes that need both the workspace and its skills are checked here, and the facts at the beginning are
+found, with the object in the tool.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from itertools import chain, product
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from math import prod
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 
-from sqrp_cli.cell.read_cell import read_cameras, read_detectors, read_facts, read_objects
+from sqrp_cli.cell.facts import facts_of_cell, read_facts, with_held_by_facts
+from sqrp_cli.cell.read_cell import read_cameras, read_detectors, read_objects
 from sqrp_cli.cell.read_robot import RobotReader
-from sqrp_cli.cell.scene import BoxSide, Held, SceneObject
+from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import ExpectedTask, Workspace, WorkspaceFile
 from sqrp_cli.cell.workspace_file import read_workspace_document, workspace_file, workspace_name
 from sqrp_cli.errors import InputError, Place, Problem, counted, expected_names, no_such
@@ -29,10 +28,8 @@ from sqrp_cli.files.usual_values import WORKSPACE, unusual_values
 from sqrp_cli.files.validation import validate
 from sqrp_cli.logic.conditions import MAX_LITERALS, fitting_objects, literal_count
 from sqrp_cli.logic.domain import Compound, merge_domains, nested
-from sqrp_cli.logic.literal import Atom
 from sqrp_cli.skill.read_skill import missing_skills, read_skill, skill_folder, skill_name
-from sqrp_cli.skill.settings import Reference, number_of, side_of
-from sqrp_cli.skill.skill import FORMER_ENDING, Grasp, GraspWaypoint, Names, Release, Skill, marked
+from sqrp_cli.skill.skill import FORMER_ENDING, Names, Skill, marked
 
 
 def check_tasks(
@@ -180,14 +177,16 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         message = "the workspace lists no skills, which give facts and tasks their meaning"
         raise document.error("no-skills", ("skills",), message, "list the folders of skills under `skills`")
     domain = merge_domains([skill.domain for skill in skills.values()]) if skills else None
-    facts = read_facts(reader, file, domain) if domain else {}
+    literals = read_facts(reader, file, domain) if domain else {}
     detectors = read_detectors(reader, file, cameras, robot.markers, objects)
     for skill in skills.values():
         problems += check_skill(skill, reader.links, objects, list(file.detectors))
     problems += check_tasks(document, file.tasks, list(skills), list(objects))
     if problems:
         raise InputError(*problems)
+    facts = {literal.atom: index for literal, index in literals.items() if literal.positive}
     objects, taken_as_held = with_held_by_facts(objects, facts, skills.values(), document)
+    derived = facts_of_cell(objects, literals, skills.values(), domain, document) if domain else {}
     warnings = [*unusual_values(document, WORKSPACE), *reader.warnings]
     warnings += [*words_of_two_meanings(document, file, reader, skills.values()), *taken_as_held]
     warnings += [warning for skill in skills.values() for warning in skill.warnings]
@@ -199,7 +198,8 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         detectors=detectors,
         objects=objects,
         lights=file.lights,
-        state=frozenset(facts),
+        state=frozenset({*facts, *derived}),
+        derived=derived,
         skills=skills,
         tasks=tuple(file.tasks),
         padding=file.padding,
@@ -208,119 +208,3 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         warnings=tuple(dict.fromkeys(warnings)),  # cameras may share a calibration file
         places=document.places,
     )
-
-
-def holding_skills(skills: Iterable[Skill], objects: Collection[str]) -> dict[str, tuple[Skill, ...]]:
-    """The predicates that mean that the tool holds an object, such as `hold`, each with the skills that make it true.
-
-    Such a predicate is an effect of a skill on the object that it ends with in the tool, and its target has a box in
-    the tool; one with boxes elsewhere, such as that the object has left the table, does not count. A single effect
-    without a target counts if there is no other. Skills are ordered by name.
-    """
-    found: dict[str, tuple[Skill, ...]] = {}
-    for skill in sorted(skills, key=lambda skill: skill.name):
-        if (held := _held_at_the_end(skill)) is None:
-            continue
-        added = [change.predicate for change in skill.action.adds if change.terms == (f"?{held}",)]
-        elsewhere = {WORLD, *objects, *(parameter.name for parameter in skill.action.parameters)}
-        seen = [
-            predicate
-            for predicate in added
-            for box in (skill.targets[predicate].boxes if predicate in skill.targets else ())
-            if (box.fits == held or held in (box.encloses or ())) and not box.frame.endswith(AT_START)
-            if box.frame not in elsewhere
-        ]
-        unseen = [predicate for predicate in added if predicate not in skill.targets]
-        for predicate in dict.fromkeys(seen or (unseen if len(unseen) == 1 else ())):
-            found[predicate] = (*found.get(predicate, ()), skill)
-    return found
-
-
-def _held_at_the_end(skill: Skill) -> str | None:
-    """The parameter of the object that a skill holds at its end, or None."""
-    held = None
-    for primitive in skill.primitives:
-        if isinstance(primitive, Grasp | Release):
-            held = primitive.object if isinstance(primitive, Grasp) else None
-    return held
-
-
-def with_held_by_facts(
-    objects: dict[str, SceneObject], facts: Mapping[Atom, int], skills: Collection[Skill], document: SourceDocument
-) -> tuple[dict[str, SceneObject], list[Problem]]:
-    """The objects, with the held one placed in the tool by the facts; and a warning if its entry does not state that.
-
-    facts: each with its place in the list. It is held as the skills that make the fact true would grasp it, with
-    default parameters. Raises InputError, with the place, for facts that contradict it, and if skills would hold it
-    differently.
-    """
-    holding = holding_skills(skills, objects)
-    if contradictions := tuple(_contradictions(facts, holding, skills, document)):
-        raise InputError(*contradictions)
-    stated = sorted((fact for fact in facts if fact.predicate in holding), key=str)
-    names = {fact.arguments[0] for fact in stated}
-    if len(names) != 1 or any(obj.X_TO is not None for obj in objects.values()):
-        return objects, []
-    (name,) = names
-    grips: list[tuple[Atom, Skill, Held]] = []
-    for fact, skill in [(one, skill) for one in stated for skill in holding[one.predicate]]:
-        of_it = (w for w in skill.waypoints.values() if isinstance(w, GraspWaypoint))
-        grasp = next((waypoint for waypoint in of_it if waypoint.object == _held_at_the_end(skill)), None)
-        if grasp is not None:
-            side, yaw, depth = (
-                skill.defaults[one.parameter] if isinstance(one, Reference) else one
-                for one in (grasp.side, grasp.yaw, grasp.depth)
-            )
-            held = Held(held=cast("BoxSide", side_of(side)), yaw=number_of(yaw), depth=number_of(depth))
-            grips.append((fact, skill, held))
-    if not grips:
-        return objects, []
-    path, size, (fact, skill, first) = ("objects", name, "pose"), objects[name].size, grips[0]
-    for another, other_skill, other in grips[1:]:
-        if not np.allclose(first.X_TO(size), other.X_TO(size), rtol=0.0, atol=1e-9):
-            both = " and ".join(f"`{one}`" for one in dict.fromkeys((fact, another)))
-            message = (
-                f"the state has {both}, so `{name}` begins in the tool, but `{skill.name}` holds it by its side"
-                f" {first.held} and `{other_skill.name}` in another way, by its side {other.held}"
-            )
-            mend = f"say how it is held: `pose: {{held: {first.held}}}`, with `yaw` and `depth` as needed"
-            raise document.error("ambiguous-hold", path, message, mend)
-    how = f"held by its side {first.held} as `{skill.name}` does it"
-    message = f"the state has `{fact}`, so `{name}` begins in the tool, {how}"
-    mend = f"write `pose: {{held: {first.held}}}`"
-    warning = replace(document.problem("held-by-the-facts", path, message, mend), severity="warning")
-    return {**objects, name: replace(objects[name], pose=first)}, [warning]
-
-
-def _contradictions(
-    facts: Mapping[Atom, int],
-    holding: Mapping[str, tuple[Skill, ...]],
-    skills: Collection[Skill],
-    document: SourceDocument,
-) -> Iterator[Problem]:
-    """Facts that no sequence of skills can make true together with the fact that an object is held."""
-    changes = [
-        [{use.predicate for use in changed} for changed in (skill.action.adds, skill.action.deletes)]
-        for skill in skills
-    ]
-
-    for fact in facts:
-        for skill in holding.get(fact.predicate, ())[:1]:
-            held = f"?{_held_at_the_end(skill) or ''}"
-            for lost, other in product(skill.action.deletes, facts):
-                # Every skill that makes one of the two predicates true makes the other false.
-                pairs = ((fact.predicate, lost.predicate), (lost.predicate, fact.predicate))
-                exclusive = all(a not in adds or b in deletes for adds, deletes in changes for a, b in pairs)
-                # What the skill deletes, with the held object for its parameter, and any for the other ones.
-                if (
-                    exclusive
-                    and other.predicate == lost.predicate
-                    and all(
-                        argument == (fact.arguments[0] if term == held else term)
-                        for term, argument in zip(lost.terms, other.arguments, strict=True)
-                        if term == held or not term.startswith("?")
-                    )
-                ):
-                    message = f"the state has `{other}` and `{fact}`, but `{skill.name}`, which makes `{fact}` true,"
-                    message, mend = f"{message} makes `{other}` false", f"remove `{fact}` or `{other}` from the state"
-                    yield document.problem("contradictory-facts", ("state", facts[other]), message, mend)

@@ -1,4 +1,4 @@
-"""Cameras, detectors, objects and facts: the entries of a workspace file as records."""
+"""Cameras, detectors and objects: the entries of a workspace file as records."""
 
 from __future__ import annotations
 
@@ -28,8 +28,6 @@ from sqrp_cli.files.units import SMALLEST_SIZE
 from sqrp_cli.files.usual_values import CALIBRATION, HAND_EYE, unusual_values
 from sqrp_cli.files.xml_file import MAX_BYTES
 from sqrp_cli.geometry import inverse, pose, read_only, transform
-from sqrp_cli.logic.domain import Domain
-from sqrp_cli.logic.literal import Atom
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.shapes import Box, Mesh, Part, Shape, half_extents
 
@@ -38,8 +36,6 @@ if TYPE_CHECKING:
 
 X_BODY_OPTICAL = read_only(pose(((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))))
 """Pose of an optical frame (x right, y down, z forward) in the body frame (x forward, y left, z up) of REP 103."""
-
-_FACT = re.compile(r"\s*([A-Za-z][\w-]*)\s*(?:\(\s*([^()]*?)\s*\))?\s*")
 
 
 def read_cameras(reader: RobotReader, file: WorkspaceFile) -> dict[str, Camera]:
@@ -232,40 +228,3 @@ def read_detectors(
         except ValueError as error:
             reader.report("missing-key", ("detectors", name), str(error), "state `distance` and `min_pixels`")
     return found
-
-
-def read_facts(reader: RobotReader, file: WorkspaceFile, domain: Domain) -> dict[Atom, int]:
-    """The facts of `state`, each with its place in the list from 0, checked against the skills' common domain."""
-    facts: dict[Atom, int] = {}
-    for index, text in enumerate(file.state):
-        path, signatures = ("state", index), domain.predicates
-        match = _FACT.fullmatch(text)
-        if match is None:
-            message = f"found `{text}`, expected a fact such as `hand_empty` or `on(g1, table)`"
-            reader.report("wrong-fact", path, message)
-            continue
-        predicate = match[1].lower()
-        arguments = tuple(word.strip() for word in match[2].split(",")) if match[2] else ()
-        if predicate not in signatures:
-            expected = expected_names(predicate, signatures)
-            message = f"found `{match[1]}`, which is no predicate of a skill; {expected}"
-            reader.report("unknown-predicate", path, message)
-            continue
-        signature = signatures[predicate]
-        if len(arguments) != len(signature.parameters):
-            stated = f"{len(arguments)} argument{'s' * (len(arguments) != 1)}"
-            message = f"`{predicate}` has {stated}, expected {len(signature.parameters)}: {signature}"
-            reader.report("wrong-arity", path, message)
-            continue
-        for argument, parameter in zip(arguments, signature.parameters, strict=True):
-            entry = file.objects.get(argument)
-            if entry is None:
-                reader.report("unknown-object", path, no_such(argument, "object", file.objects))
-            elif not domain.fits(entry.types, parameter.type):
-                message = f"`{argument}` is of type `{entry.type}`, expected `{parameter.type}`: {signature}"
-                reader.report("wrong-object-type", path, message)
-        fact = Atom(predicate, arguments)
-        if fact in facts:
-            reader.report("repeated-value", path, f"`{fact}` is stated twice")
-        facts.setdefault(fact, index)
-    return facts

@@ -98,7 +98,10 @@ class WorkspaceFile(Entry):
     """Files with further objects that never move: scenes and worlds."""
     lights: dict[Name, Light] = Field(default={}, max_length=MOST_LIGHTS)
     """Lights by name; without any, cameras see all brightly enough."""
-    state: list[Text] = Field(default=[], description="The facts that hold now; every other one does not.")
+    state: list[Text] = Field(
+        default=[],
+        description="The facts that hold now, besides those that follow from the cell; `not FACT` denies one of these.",
+    )
     tasks: list[ExpectedTask] = Field(default=[], description="Tasks that the cell must support.")
     padding: Padding = Field(default=0.0, description="Least distance that motions keep from fixed objects.")
 
@@ -152,6 +155,7 @@ class Workspace:
     objects: Mapping[str, SceneObject]
     lights: Mapping[str, Light]  # if there are none, cameras see everything brightly enough
     state: frozenset[Atom]  # the facts that hold at the beginning; every other one is false
+    derived: Mapping[Atom, str]  # those of them that follow from the cell, with from what, such as `on: table`
     skills: Mapping[str, Skill]
     tasks: tuple[ExpectedTask, ...]
     padding: float  # least distance that motions keep from fixed objects [m]

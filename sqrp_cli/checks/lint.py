@@ -12,7 +12,7 @@ import numpy as np
 
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.light import COLORS, hue_of, look_alike
-from sqrp_cli.cell.load import holding_skills
+from sqrp_cli.cell.facts import holding_skills
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.checks import cameras

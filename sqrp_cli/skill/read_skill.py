@@ -128,6 +128,13 @@ class _SkillReader:
             parameters.append(settings.MotionParameter(name, values, tuple(dict.fromkeys(self.kinds[name]))))
         requirements = self._requirements()
         self._check_targets()
+        for predicate, meaning in self.file.initially.items():
+            path: KeyPath = ("initially", predicate)
+            if self._known(predicate, self.domain.predicates, "predicate", path):
+                signature, wanted = self.domain.predicates[predicate], skill.OBJECTS_OF[meaning]
+                if len(signature.parameters) != wanted:
+                    message = f"found `{meaning}`, which is said of {wanted} object{'s' * (wanted != 1)}"
+                    self._report("wrong-arity", path, f"{message}, but the predicate is `{signature}`")
         if self.problems:
             raise InputError(*self.problems)
         return skill.Skill(
@@ -140,6 +147,7 @@ class _SkillReader:
             primitives=primitives,
             requirements=requirements,
             targets=self.file.targets,
+            initially=self.file.initially,
             places=self.document.places,
             warnings=tuple(unusual_values(self.document, SKILL)),
         )

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, get_args
+from typing import Annotated, ClassVar, Final, Literal, get_args
 
 from pydantic import Field, StringConstraints, Tag, model_validator
 from pydantic_core import PydanticCustomError
@@ -297,6 +297,15 @@ class FormulaEntry(Entry):
 FormulaOrText = MappingOr[FormulaEntry, Text]
 
 
+Meaning = Literal["held", "nothing held", "stands on a fixture", "stands on the other"]
+"""What a predicate says of the cell at the beginning: of its first object, or of the tool."""
+HELD: Final = "held"
+EMPTY: Final = "nothing held"
+ON_FIXTURE: Final = "stands on a fixture"
+ON_OTHER: Final = "stands on the other"
+OBJECTS_OF: Mapping[Meaning, int] = {HELD: 1, EMPTY: 0, ON_FIXTURE: 1, ON_OTHER: 2}
+"""How many objects a predicate of each meaning is about."""
+
 MOST_ENTRIES = 200  # of a kind in a skill
 
 
@@ -313,6 +322,8 @@ class SkillFile(Entry):
     faults: dict[Name, FormulaEntry] = Field(default={}, max_length=MOST_ENTRIES, description="What may go wrong.")
     targets: dict[Name, TargetSpec] = Field(default={}, max_length=MOST_ENTRIES)
     """What decides each predicate, and where to look."""
+    initially: dict[Name, Meaning] = Field(default={}, max_length=MOST_ENTRIES)
+    """What predicates mean in a workspace, whose `state` then need not say what follows from its objects and tool."""
 
 
 @dataclass(frozen=True)
@@ -343,6 +354,8 @@ class Skill:
     primitives: tuple[PrimitiveAction, ...]
     requirements: tuple[Requirement, ...]
     targets: Mapping[str, TargetSpec]
+    initially: Mapping[str, Meaning]
+    """What predicates mean in a workspace: which facts follow from its objects and tool."""
     places: Mapping[str, Place]
     """Position of every key of skill.yaml, by its dotted path (such as `primitives.0.to`)."""
     warnings: tuple[Problem, ...]

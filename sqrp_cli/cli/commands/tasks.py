@@ -111,8 +111,8 @@ def _rank(
     from sqrp_cli.checks.cell_warnings import cell_warnings, swept_cameras
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.platform.files import check_distinct, check_writable
+    from sqrp_cli.search.suggestion import with_first_steps
     from sqrp_cli.show.terminal.console import note, print_problems, progress, say_command
-    from sqrp_cli.task.feasibility import unmet_preconditions
 
     if watch:
         return watched({"--json": json, "--program": program})
@@ -152,13 +152,11 @@ def _rank(
     answer(ranking, as_json=json, all_rows=all_rows)
     if message:
         note(message)
-    if not json and ranking.best is None:
-        # A candidate of one step may only wait for what other skills establish.
-        alone = (one for one in session.task.candidates if not one.steps)
-        if any(unmet_preconditions(cell, one, world) for one in alone):
-            before = program if program is not None and program.exists() else after
-            words = [str(workspace), ask.task, *([] if before is None else ["--after", str(before)])]
-            say_command("\nTo see whether something done first helps:", f"sqrp check {shlex.join(words)}")
+    hopeless = not json and ranking.best is None
+    if hopeless and with_first_steps(session.task, cell.workspace, world.facts) is not session.task:
+        before = program if program is not None and program.exists() else after
+        words = [str(workspace), ask.task, *([] if before is None else ["--after", str(before)])]
+        say_command("\nTo see whether something done first helps:", f"sqrp check {shlex.join(words)}")
     return code
 
 

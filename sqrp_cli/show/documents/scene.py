@@ -210,6 +210,8 @@ class ShowDocument(WorkspaceDocument):
     """Of tools, and of objects that are not just boxes."""
     state: list[str]
     """Literals that hold at the start."""
+    derived: Mapping[str, str] | None = field(default=None, metadata=LEFT_OUT)
+    """Those of them that follow from the cell, each with from what; left out where none does."""
     skills: list[str]
     """Names of the skills that tasks can use."""
     tasks: list[str]
@@ -251,6 +253,7 @@ class ShowDocument(WorkspaceDocument):
             lights=lights or None,
             opaque=_opaque_parts(cell),
             state=sorted(map(str, workspace.state)),
+            derived={str(atom): why for atom, why in sorted(workspace.derived.items())} or None,
             skills=list(workspace.skills),
             tasks=[expected.task for expected in workspace.tasks],
         )

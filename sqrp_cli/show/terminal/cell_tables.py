@@ -180,7 +180,12 @@ def print_scene(found: ShowDocument) -> None:
         say()
         print_table(list(map(Column, ("light", "intensity", "direction", "at [m]", "beam [deg]"))), lights)
     say(f"\nskills  {', '.join(found.skills)}")
-    say(f"state   {', '.join(found.state) or 'nothing holds'}")
+    derived, states = found.derived or {}, list[str]()
+    for why in dict.fromkeys(derived.values()):
+        states.append(f"{', '.join(fact for fact, of in derived.items() if of == why)} (follows from {why})")
+    if stated := [fact for fact in found.state if fact not in derived]:
+        states.insert(0, ", ".join(stated))
+    say(f"state   {'; '.join(states) or 'nothing holds'}", indent=8)
     say(f"tasks   {', '.join(found.tasks) or 'none'}")
 
 
