@@ -157,7 +157,8 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     missing: list[tuple[Path, Place]] = []
     for index, stated in enumerate(file.skills):
         place = document.value_place(("skills", index))
-        folder = skill_folder(from_folder(document.path.parent, stated), fingers=file.robot.fingers is not None)
+        tool = {"fingers": file.robot.fingers is not None, "markers": bool(file.robot.markers)}
+        folder = skill_folder(from_folder(document.path.parent, stated), **tool)
         called = skill_name(folder)
         if called in skills:
             problems.append(Problem("duplicate-name", f"skill `{called}` is listed twice", place))

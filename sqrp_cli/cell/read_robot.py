@@ -24,7 +24,7 @@ from sqrp_cli.robot.kinematics import driving_joints
 from sqrp_cli.robot.moveit import MoveitLimits, SrdfModel, read_moveit_limits, read_srdf, with_position_limits
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.robot.robot_xml import RobotSource
-from sqrp_cli.robot.urdf import TOOL_TIP, UrdfJoint, UrdfModel, tool_of_boxes
+from sqrp_cli.robot.urdf import TOOL_TIP, UrdfJoint, UrdfModel, tool_of_boxes, with_tip
 from sqrp_cli.shapes import Mesh, Part
 
 MAX_ARM_JOINTS = 20  # most joints that move the tool frame; each makes inverse kinematics and motion slower
@@ -65,14 +65,16 @@ class RobotReader:
             self.digest["robot.srdf"] = source_file(self.srdf_path, self.srdf.content)
             self.warnings += self.srdf.warnings
         self.tool: UrdfModel | None = None
-        if entry.tool is not None and entry.tool.urdf is not None:
-            self.tool = self._read_urdf(entry.tool.urdf, ("robot", "tool", "urdf"), entry.tool.prefix)
-        elif entry.tool is not None:
-            place = self.document.key_place(("robot", "tool", "boxes"))
-            boxes = [(box.size, box.pose.matrix()) for box in entry.tool.boxes or ()]
-            tip = (entry.tool.frame or Pose()).matrix()
-            self.tool = tool_of_boxes(boxes, tip, self.document.path.absolute(), place).prefixed(entry.tool.prefix)
-            self._parts += self.tool.parts(entry.geometry, partial(packages.resolve_mesh, self.roots))
+        if entry.tool is not None:
+            of_tool, place = entry.tool, self.document.key_place(("robot", "tool"))
+            if of_tool.urdf is not None:
+                self.tool = self._read_urdf(of_tool.urdf, ("robot", "tool", "urdf"), of_tool.prefix)
+            else:
+                boxes = [(box.size, box.pose.matrix()) for box in of_tool.boxes or ()]
+                self.tool = tool_of_boxes(boxes, self.document.path.absolute(), place).prefixed(of_tool.prefix)
+                self._parts += self.tool.parts(entry.geometry, partial(packages.resolve_mesh, self.roots))
+            if of_tool.frame is not None:
+                self.tool = with_tip(self.tool, of_tool.frame.matrix(), place)
         if entry.tool_frame is None and (entry.tool is None or entry.tool.frame is None):
             message = "`robot`: the key `tool_frame` is missing: the link that grasps"
             raise bad_input("missing-key", message, self.document.key_place(("robot",)))

@@ -123,15 +123,15 @@ class ToolBoxEntry(Entry):
 
 
 class ToolEntry(Entry):
-    """A tool that is fixed to the robot: a URDF, or boxes with a frame that grasps."""
+    """A tool that is fixed to the robot: a URDF, boxes, or just the frame that grasps, between fingers of the robot."""
 
     urdf: DescriptionEntry | None = None
     """The tool's own URDF or xacro; relative to this file, or package://."""
     boxes: list[ToolBoxEntry] | None = Field(default=None, min_length=1, max_length=100)
     """Boxes that enclose the tool, instead of a URDF."""
     frame: Pose | None = None
-    """With `boxes`: the frame that grasps, as a pose in the tool's root link; its z axis points out of the tool. It is
-    the tool frame, called `tool_tip`."""
+    """The frame that grasps, as a pose in the tool's root link, without `urdf` and `boxes` in the link that `pose` says;
+    its z axis points out of the tool. It is the tool frame, called `tool_tip`. A tool of boxes must have one."""
     link: Text = Field(description="The link of the robot that carries the tool's root link.")
     pose: Pose = Field(default=Pose(), description="Pose of the tool's root link in that link.")
     prefix: str = Field(default="", max_length=100)
@@ -139,11 +139,11 @@ class ToolEntry(Entry):
     workspace calls them by the longer names."""
 
     @model_validator(mode="after")
-    def _urdf_or_boxes(self) -> ToolEntry:
-        if (self.urdf is None) == (self.boxes is None):
-            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `urdf`, `boxes`")
-        if (self.boxes is None) != (self.frame is None):
-            raise PydanticCustomError("conflicting-keys", "`boxes` needs `frame`, and `frame` goes with `boxes`")
+    def _one_description(self) -> ToolEntry:
+        if self.urdf is not None and self.boxes is not None:
+            raise PydanticCustomError("ambiguous-entry", "expected only one of the keys `urdf`, `boxes`")
+        if self.urdf is None and self.frame is None:
+            raise PydanticCustomError("conflicting-keys", "a tool without `urdf` needs `frame`, where it grasps")
         return self
 
 

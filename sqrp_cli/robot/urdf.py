@@ -209,16 +209,20 @@ class UrdfModel:
 TOOL_BODY, TOOL_TIP = "tool_body", "tool_tip"  # the links of such a tool: its root with the boxes, and the grasp frame
 
 
-def tool_of_boxes(
-    boxes: Sequence[tuple[tuple[float, float, float], Array]], X_BT: Array, path: Path, place: Place
-) -> UrdfModel:
-    """The tool as a robot description without a file of its own.
+def tool_of_boxes(boxes: Sequence[tuple[tuple[float, float, float], Array]], path: Path, place: Place) -> UrdfModel:
+    """A tool as a robot description without a file of its own, or of no box just its root link.
 
-    boxes: full extents [m] of each, and the pose of its centre in the root link, shape (4, 4). X_BT: pose of the grasp
-    frame in the root link, shape (4, 4). path, place: of the file and the entry that describe it.
+    boxes: full extents [m] of each, and the pose of its centre in the root link, shape (4, 4). path, place: of the file
+    and the entry that describe it.
     """
     solid = tuple(LinkGeometry(None, Box(size), read_only(X_BG), place) for size, X_BG in boxes)
-    links = {TOOL_BODY: UrdfLink(TOOL_BODY, solid, (), None, place), TOOL_TIP: UrdfLink(TOOL_TIP, (), (), None, place)}
-    name, X_PJ, axis = f"{TOOL_TIP}_joint", read_only(X_BT), read_only([1.0, 0.0, 0.0])
-    tip = UrdfJoint(name=name, type="fixed", parent=TOOL_BODY, child=TOOL_TIP, X_PJ=X_PJ, axis=axis, place=place)
-    return UrdfModel("tool", path, links, {name: tip}, TOOL_BODY)
+    return UrdfModel("tool", path, {TOOL_BODY: UrdfLink(TOOL_BODY, solid, (), None, place)}, {}, TOOL_BODY)
+
+
+def with_tip(tool: UrdfModel, X_RT: Array, place: Place) -> UrdfModel:
+    """A tool with the frame that grasps as one more link. X_RT: its pose in the root link, shape (4, 4)."""
+    tip, X_PJ, axis = tool.prefix + TOOL_TIP, read_only(X_RT), read_only([1.0, 0.0, 0.0])
+    name = f"{tip}_joint"
+    joint = UrdfJoint(name=name, type="fixed", parent=tool.root, child=tip, X_PJ=X_PJ, axis=axis, place=place)
+    links = {**tool.links, tip: UrdfLink(tip, (), (), None, place)}
+    return replace(tool, links=links, joints={**tool.joints, name: joint})

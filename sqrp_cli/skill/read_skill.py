@@ -27,26 +27,28 @@ FreedEntry = TypeVar("FreedEntry", bound=Entry)
 
 SKILL_FILE = "skill.yaml"
 
-FINGERS = "fingers"
-"""The folder in that of a skill which has its two files for tools with fingers, where these do it differently."""
+FINGERS, MARKERS = "fingers", "markers"
+"""Folders in that of a skill for tools with fingers, and for those with markers on them, where these do it differently."""
 
 PATH = "path"  # the parameter that every skill with joint moves has, unless they state their paths
 
 
-def skill_folder(folder: Path, *, fingers: bool) -> Path:
-    """The folder that has the files of a skill: with `fingers`, that for tools with fingers if there is one.
+def skill_folder(folder: Path, *, fingers: bool, markers: bool) -> Path:
+    """The folder that has the files of a skill for a tool with `fingers`, and `markers` on them: the first that there is.
 
-    `pickup_two_finger`, unless there is such a folder, is what `pickup` is for fingers.
+    `pickup_two_finger`, unless there is such a folder, is what `pickup` is for fingers with markers.
     """
-    former = folder.with_name(folder.name.removesuffix(skill.FORMER_ENDING)) / FINGERS
+    former = folder.with_name(folder.name.removesuffix(skill.FORMER_ENDING)) / MARKERS
     if folder.name.endswith(skill.FORMER_ENDING) and not folder.is_dir() and former.is_dir():
         return former
-    return folder / FINGERS if fingers and (folder / FINGERS / SKILL_FILE).is_file() else folder
+    suiting = [folder / MARKERS] if fingers and markers else []
+    suiting += [folder / FINGERS] if fingers else []
+    return next((one for one in suiting if (one / SKILL_FILE).is_file()), folder)
 
 
 def skill_name(folder: Path) -> str:
     """The name of the skill in a folder."""
-    return folder.parent.name if folder.name == FINGERS else folder.name
+    return folder.parent.name if folder.name in (FINGERS, MARKERS) else folder.name
 
 
 def missing_skills(missing: Sequence[tuple[Path, Place]]) -> Iterator[Problem]:
@@ -68,17 +70,21 @@ def missing_skills(missing: Sequence[tuple[Path, Place]]) -> Iterator[Problem]:
 def read_skill(folder: Path, place: Place, digest: dict[str, SourceFile]) -> skill.Skill:
     """The skill in `folder`, named after it; after the folder around it, if it is the one for tools with fingers.
 
-    place: where the workspace names the folder. Raises InputError with all problems of its two files; the workspace
+    There, the PDDL file of the folder around it counts unless it has its own. place: where the workspace names the folder. Raises InputError with all problems of its two files; the workspace
     checks the names of links, objects and detectors.
     """
     name = skill_name(folder)
+    path = folder / f"{name}.pddl"
+    if name != folder.name and not path.is_file():
+        path = folder.parent / path.name
     for required in (SKILL_FILE, f"{name}.pddl"):
+        if path.name == required and path.is_file():
+            continue
         if not (folder / required).is_file():
             close = nearest(required, (entry.name for entry in folder.iterdir()))
             message = f"the skill folder {folder} has no `{required}`" + (f"; did you mean `{close}`?" if close else "")
             raise bad_input("missing-file", message, place)
     document = read_yaml(folder / SKILL_FILE, keys=("primitives", "waypoints", "targets", "formulas"))
-    path = folder / f"{name}.pddl"
     content = read_input(path, MAX_BYTES)
     digest[f"skills.{path.stem}.pddl"] = source_file(path, content)
     domain = parse_domain(decoded(path, content), path)

@@ -34,7 +34,7 @@ from sqrp_cli.robot.moveit import MoveitLimits, SrdfModel, read_moveit_limits, r
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.robot.robot_xml import RobotSource
 from sqrp_cli.robot.urdf import UrdfModel
-from sqrp_cli.starter.layout import file_text
+from sqrp_cli.starter.layout import PREFIX, file_text
 
 _SRDF_FOLDERS = (".", "srdf", "config", "../srdf", "../config")
 """Where the SRDF of a URDF is looked for, relative to its folder."""
@@ -57,6 +57,7 @@ class OwnRobot:
     arguments: Mapping[str, str] = field(default_factory=dict)  # values of the xacro's arguments
     package_roots: tuple[Path, ...] = ()  # folders in which packages are looked up first
     moveit: Path | None = None  # the folder of a configuration of MoveIt; None for one that is found beside the URDF
+    gripper: str | None = None  # the URDF of a gripper at its end; None for the hand that the arm has, or a suction cup
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -71,6 +72,8 @@ class Description:
     limits_file: str | None
     tip: str | None  # the link to which a tool is fixed, as MoveIt says; None to guess
     package_roots: tuple[str, ...]  # folders that it needs besides the known ones
+    gripper: UrdfModel | None  # with `PREFIX` before the names of its links and joints
+    gripper_text: str | None
     warnings: tuple[Problem, ...]  # about files that were found but cannot be used
 
 
@@ -108,7 +111,11 @@ def describe_robot(robot: OwnRobot, folder: Path) -> Description:
         srdf_text = file_text(_named(file, folder), arguments)
     elif (beside := _srdf_beside(urdf, warnings)) is not None:
         srdf, srdf_text = beside[1], file_text(_named(beside[0], folder))
-    roots = _missing_roots(urdf, robot.package_roots, around)
+    roots, gripper, gripper_text = _missing_roots(urdf, robot.package_roots, around), None, None
+    if robot.gripper is not None:
+        file, given = _find(OwnRobot(robot.gripper, package_roots=robot.package_roots), None)
+        gripper = read_urdf(file, replace(source, arguments=given)).prefixed(PREFIX)
+        gripper_text = file_text(_named(file, folder), given)
     return Description(
         urdf=urdf if limits is None else with_position_limits(urdf, limits),
         urdf_text=file_text(_named(path, folder), given),
@@ -118,6 +125,8 @@ def describe_robot(robot: OwnRobot, folder: Path) -> Description:
         limits_file=None if limits_file is None else _named(limits_file, folder),
         tip=None if config is None or srdf is None else _arm_tip(config, srdf, urdf),
         package_roots=tuple(os.path.relpath(root, folder.resolve()) for root in roots),
+        gripper=gripper,
+        gripper_text=gripper_text,
         warnings=tuple(warnings),
     )
 

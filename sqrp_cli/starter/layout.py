@@ -12,6 +12,7 @@ from pathlib import Path
 from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import Array, matrix_to_rpy
 from sqrp_cli.records import dataclass
+from sqrp_cli.starter.hand import Grip
 
 TASK = "pickup green"  # the task of a starter workspace
 
@@ -40,13 +41,15 @@ class Layout:
     srdf: str | None
     package_roots: tuple[str, ...]
     guessed: bool  # whether the robot is the user's own, so that guesses are marked
-    tip: str  # the link of the robot that carries the suction cup, or grasps itself while there is none
+    tip: str  # the link of the robot that carries the tool, or grasps itself while there is none
     home: Mapping[str, float]  # of every joint of the arm by name [rad, or m if it `slides`]
     slides: frozenset[str]
     limits: str
     home_state: str | None = None  # the state of the SRDF that stands for home, if there is one
     lift: float = 0.0  # height of the root link above the table
-    X_LT: Array | None = None  # pose of the cup's root in the link `tip`; None while there is no cup
+    X_LT: Array | None = None  # pose of the tool's root in the link `tip`; None while there is no tool of its own
+    gripper: str | None = None  # the URDF of that tool, if it is a gripper; None for a suction cup
+    grip: Grip | None = None  # how the fingers grasp, of the gripper or of the robot itself
     table_side: float = 0.0  # of the square table, 0 for none
     table_at: tuple[float, float] = (0.0, 0.0)  # where its middle is, along x and y of the world
     directions: tuple[float, ...] = ()
@@ -64,27 +67,38 @@ class Layout:
 
 
 _ROBOT = """\
-# A cell with {arm}, a suction cup and cameras. SI units and radians; `30 deg`, `20 mm`, `50 ms` work too.
+# A cell with {arm}, {hand} and cameras. SI units and radians; `30 deg`, `20 mm`, `50 ms` work too.
 {marked}# Every key: sqrp schema
 
 robot:
   urdf: {urdf}
 {files}  base: {{position: [0, 0, {lift}], rpy: [0, 0, 0 deg]}}  # check: pose of the root link in the world; the \
 table's top is z = 0
-{tool}  home:{home}
+{tool}{fingers}  home:{home}
   limits: {limits}
 
 detectors:                  # what your detection algorithms can do
   color: {{kind: color, distance: [20 cm, 5 m], max_incidence: 90 deg, min_pixels: 12, min_visible: 0.5}}
 """
 
-_TOOL = """\
+_CUP = """\
   tool:  # check: a suction cup stands for your tool; its own URDF, fixed to a link of the arm
     urdf: robots/suction_cup.urdf
     link: {link}
-    pose: {{position: {position}, rpy: [{rpy}]}}  # check: where the tool begins, its z axis pointing out
+    pose: {pose}  # check: where the tool begins, its z axis pointing out
   tool_frame: suction_tip  # check: the link that grasps; its z axis points into the object
 """
+
+_FRAME = "where it grasps: between the fingertips; z points into the object, the fingers close along y"
+
+_FINGERS = """\
+  fingers:  # check: the joints that drive the fingers; those that follow them need no line
+    open: {open}
+    closed: {closed}
+    width: {width} mm  # check: how wide they open
+"""
+
+PREFIX = "gripper_"  # before the names of a gripper's links and joints, which are often those of the robot
 
 _CAMERA = """\
   {name}:  # check: yours; or `calibration: camera.yaml` (ROS) instead of `image`
@@ -99,29 +113,44 @@ _CAMERA = """\
 
 def workspace_text(layout: Layout) -> str:
     """The workspace file. Guesses about a robot of the user's own carry a comment that begins with `check:`."""
-    files, tool = "", f"  tool_frame: {_text(layout.tip)}\n"
+    files, fingers, grip = "", "", layout.grip
     if layout.srdf is not None:
         files += f"  srdf: {layout.srdf}  # check: found beside the URDF\n"
     if layout.package_roots:
         roots = ", ".join(map(_text, layout.package_roots))
         files += f"  package_roots: [{roots}]  # check: where the package:// of its meshes is looked up\n"
-    if layout.X_LT is not None:
-        rpy = ", ".join(f"{_number(degrees(value))} deg" for value in matrix_to_rpy(layout.X_LT[:3, :3]))
-        tool = _TOOL.format(link=_text(layout.tip), position=_vector(layout.X_LT[:3, 3].tolist()), rpy=rpy)
+    if grip is not None:
+        opened, closed = (
+            "{" + ", ".join(f"{_text(name)}: {_position(at, name in layout.slides)}" for name, at in of.items()) + "}"
+            for of in (grip.open, grip.closed)
+        )
+        fingers = _FINGERS.format(open=opened, closed=closed, width=_number(1000 * grip.width))
+    if grip is None and layout.X_LT is None:
+        tool = f"  tool_frame: {_text(layout.tip)}\n"
+    elif grip is None and layout.X_LT is not None:
+        tool = _CUP.format(link=_text(layout.tip), pose=_pose(layout.X_LT))
+    else:
+        assert grip is not None  # noqa: S101 - else it is a cup
+        named = f"    urdf: {layout.gripper}\n    prefix: {PREFIX}\n" if layout.gripper else ""
+        tool = f"  tool:{'' if layout.gripper else '  # check: the hand of the robot'}\n{named}    link: {_text(layout.tip)}\n"
+        if layout.X_LT is not None:
+            tool += f"    pose: {_pose(layout.X_LT)}  # check: where the gripper begins, its z axis pointing out\n"
+        tool += f"    frame: {_pose(grip.X_RT)}  # check: {_FRAME}\n"
     home = f" {_text(layout.home_state or '')}  # check: where programs start and end; a state of the SRDF"
     if layout.home_state is None:
         home = "  # check: where programs start and end"
         for name, at in layout.home.items():
-            angle = f"{round(degrees(at), 1) + 0.0:g} deg"
-            home += f"\n    {_text(name)}: {f'{_number(at)} m' if name in layout.slides else angle}"
+            home += f"\n    {_text(name)}: {_position(at, name in layout.slides)}"
     marked = "# Lines marked `check:` were guessed; `sqrp show` prints what was understood.\n"
     text = _ROBOT.format(
         arm="your arm" if layout.guessed else "a six-axis arm",
+        hand="a suction cup" if grip is None else "its gripper",
         marked=marked if layout.guessed else "",
         urdf=layout.urdf,
         files=files,
         lift=_number(layout.lift),
         tool=tool,
+        fingers=fingers,
         home=home,
         limits=layout.limits,
     )
@@ -163,6 +192,15 @@ def _text(value: str) -> str:
     harmless = all(character.isalnum() or character in "/._-:" for character in value) and not value.endswith(":")
     words = {"true", "false", "null"}
     return value if plain and harmless and value.lower() not in words else json.dumps(value, ensure_ascii=False)
+
+
+def _position(at: float, slides: bool) -> str:  # noqa: FBT001 - of a joint
+    return f"{_number(at)} m" if slides else f"{round(degrees(at), 1) + 0.0:g} deg"
+
+
+def _pose(X: Array) -> str:
+    rpy = ", ".join(f"{_number(degrees(value))} deg" for value in matrix_to_rpy(X[:3, :3]))
+    return f"{{position: {_vector(X[:3, 3].tolist())}, rpy: [{rpy}]}}"
 
 
 def _number(value: float) -> str:

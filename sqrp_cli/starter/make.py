@@ -10,7 +10,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import permutations
+from math import ceil, floor, radians
 from pathlib import Path
+
+import numpy as np
 
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace_file import WORKSPACE_FILE
@@ -21,6 +24,7 @@ from sqrp_cli.platform.files import naming, no_folder
 from sqrp_cli.starter import search
 from sqrp_cli.starter.arm_guess import ArmGuess, guess_arm
 from sqrp_cli.starter.description import Description, OwnRobot, describe_robot
+from sqrp_cli.starter.hand import Grip, driven_joints, find_grip
 from sqrp_cli.starter.layout import TASK, Cube, Layout, workspace_text
 from sqrp_cli.study.analysis import analyse
 from sqrp_cli.study.blind_spans import cause_totals
@@ -116,7 +120,7 @@ def _filled(
         home={one.name: 0.0 if one.lower <= 0.0 <= one.upper else 0.5 * (one.lower + one.upper) for one in arm.joints},
         slides=frozenset(joint.name for joint in arm.joints if joint.type == "prismatic"),
     )
-    tried = _tried(layout, arm, advance)
+    tried = _tried(layout, description, arm, advance)
     best = max((layout for layout, _ in tried), key=lambda layout: len(layout.cubes))  # of equals the least lifted
     states = description.srdf.states if description.srdf else {}
     whole = [name for name, positions in states.items() if best.home.keys() <= positions.keys()]
@@ -143,16 +147,44 @@ def _filled(
     return replace(best, warnings=(*warnings, Problem("nothing-in-reach", message, severity="warning", mend=mend)))
 
 
-def _tried(layout: Layout, arm: ArmGuess, advance: Callable[[int], object]) -> list[tuple[Layout, str]]:
+def _cube_size(reach: float, grip: Grip | None) -> float:
+    """Side of the cubes [m]: by the arm's reach, and so that the fingers can take them and stay off the table."""
+    smallest, largest = (SMALLEST_CUBE, LARGEST_CUBE) if grip is None else (0.03, min(LARGEST_CUBE, 0.6 * grip.width))
+    return max(min(max(round(reach / 20, 2), smallest), round(largest, 3)), SMALLEST_CUBE)
+
+
+def _with_hand(layout: Layout, description: Description, arm: ArmGuess, bare: Cell) -> Layout:
+    """The layout with what grasps: the gripper that is named, else the hand of the robot, else a suction cup."""
+    gripper, seat = description.gripper, search.tool_seat(bare, arm)
+    if gripper is None:
+        root, carried, out, joints = arm.tip, arm.carried, arm.out, description.urdf.movable_joints
+    else:
+        root, carried, out, joints = gripper.root, tuple(gripper.links), np.array([0.0, 0.0, 1.0]), gripper.movable_joints
+        layout = replace(layout, gripper=description.gripper_text, X_LT=seat)
+    driven, size = driven_joints(joints, carried), _cube_size(search.arm_reach(bare.model), None)
+    if driven:
+        slides = {*layout.slides, *(joint.name for joint in driven if joint.type == "prismatic")}
+        lower, upper = {}, {}  # in whole tenths of degrees or millimetres, as the file has them
+        for joint in driven:
+            step = 1e-4 if joint.name in slides else radians(0.1)
+            lower[joint.name], upper[joint.name] = ceil(joint.lower / step - 1e-6) * step, floor(joint.upper / step + 1e-6) * step
+        layout = replace(layout, grip=Grip(lower, upper, SMALLEST_CUBE, np.eye(4)), slides=frozenset(slides))
+        grip = find_grip(_load(layout), root, carried, out, size)
+        if grip is not None:
+            return replace(layout, grip=grip)
+    return replace(layout, X_LT=seat, gripper=None, grip=None)
+
+
+def _tried(layout: Layout, description: Description, arm: ArmGuess, advance: Callable[[int], object]) -> list[tuple[Layout, str]]:
     """What the arm can do with a tool from one stand after the other, until there is enough; and why not more.
 
     A layout with home position, reachable cubes and cameras, as far as they are found, for each stand.
     """
     bare = _load(layout)
-    layout = replace(layout, X_LT=search.tool_seat(bare, arm))
+    layout = _with_hand(layout, description, arm, bare)
     seated = _load(layout)
     reach, down = search.arm_reach(seated.model), search.places_pointing_down(seated.model)
-    size = min(max(round(reach / 20, 2), SMALLEST_CUBE), LARGEST_CUBE)
+    size = _cube_size(reach, layout.grip)
     tried: list[tuple[Layout, str]] = []
     for there in search.stands(replace(layout, cube_size=size), seated, bare, reach, down):
         cell = _load(there)

@@ -1,0 +1,99 @@
+"""Robots and grippers by their names: the files that installed packages have of them, of Python or of ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+
+from sqrp_cli.errors import InputError, Place, bad_input, nearest
+from sqrp_cli.files.packages import package_roots, resolve
+
+_DATA, _AIRO, _RTB = "example-robot-data/robots", "airo_models", "rtbdata/xacro"
+
+_UR = ("ur3", "ur5", "ur10", "ur3e", "ur5e", "ur7e", "ur10e", "ur12e", "ur15", "ur16e", "ur18", "ur20", "ur30")
+_TROSSEN = ("px100", "px150", "rx150", "rx200", "wx200", "wx250", "wx250s", "vx250", "vx300", "vx300s")
+
+ROBOTS: Mapping[str, str] = {
+    "panda": f"{_DATA}/panda_description/urdf/panda.urdf",
+    "ur3": f"{_DATA}/ur_description/urdf/ur3_robot.urdf",
+    "ur5": f"{_DATA}/ur_description/urdf/ur5_robot.urdf",
+    "ur10": f"{_DATA}/ur_description/urdf/ur10_robot.urdf",
+    "so100": f"{_DATA}/so_arm_description/urdf/so100.urdf",
+    "so101": f"{_DATA}/so_arm_description/urdf/so101.urdf",
+    "xarm7": f"{_DATA}/xarm_description/urdf/xarm7.urdf",
+    "kinova": f"{_DATA}/kinova_description/robots/kinova.urdf",
+    "z1": f"{_DATA}/z1_description/urdf/z1.urdf",
+    "baxter": f"{_DATA}/baxter_description/urdf/baxter.urdf",
+    "pr2": f"{_DATA}/pr2_description/urdf/pr2.urdf",
+    "tiago": f"{_DATA}/tiago_description/robots/tiago.urdf",
+    "tiago_dual": f"{_DATA}/tiago_description/robots/tiago_dual.urdf",
+    "tiago_pro": f"{_DATA}/tiago_pro_description/robots/tiago_pro.urdf",
+    "ur3e": f"{_AIRO}/arms/ur3e/ur3e.urdf",
+    "ur5e": f"{_AIRO}/arms/ur5e/ur5e.urdf",
+    **{name: f"{_RTB}/trossen_descriptions/urdf/{name}.urdf.xacro" for name in _TROSSEN},
+    "irb140": f"{_RTB}/abb_irb140_description/urdf/irb140.urdf",
+    "iiwa14": f"{_RTB}/kuka_description/kuka_lbr_iiwa/urdf/lbr_iiwa_14_r820.urdf",
+    "kr16": f"{_RTB}/kuka_description/kuka_kr16/urdf/kr16_2.urdf",
+    "kr120": f"{_RTB}/kuka_description/kuka_kr120/urdf/kr120r2500pro.urdf",
+    "kr210": f"{_RTB}/kuka_description/kuka_kr210/urdf/kr210l150.urdf",
+    "puma560": f"{_RTB}/unimation_puma560_description/urdf/puma560_robot.urdf",
+}
+"""Robots that packages of Python have: package and path of each."""
+
+ROS_ROBOTS: Mapping[str, str] = {
+    **{name: f"ur_description/urdf/ur.urdf.xacro ur_type:={name} name:=ur" for name in _UR},
+    "fr3": "franka_description/robots/fr3/fr3.urdf.xacro hand:=true",
+    "fp3": "franka_description/robots/fp3/fp3.urdf.xacro hand:=true",
+    "fer": "franka_description/robots/fer/fer.urdf.xacro hand:=true",
+    "xarm6": "xarm_description/urdf/xarm_device.urdf.xacro dof:=6 robot_type:=xarm add_gripper:=true",
+    "lite6": "xarm_description/urdf/xarm_device.urdf.xacro dof:=6 robot_type:=lite add_gripper:=true",
+    "gen3": "kortex_description/robots/gen3_2f85.urdf.xacro",
+    "gen3_lite": "kortex_description/robots/gen3_lite_gen3_lite_2f.urdf.xacro",
+}
+"""Robots that packages of ROS have, with the arguments of their xacro; those of Python come first."""
+
+GRIPPERS: Mapping[str, str] = {
+    "robotiq_2f_85": f"{_AIRO}/grippers/robotiq_2f_85/urdf/robotiq_2f_85.urdf",
+    "schunk_egk40": f"{_AIRO}/grippers/schunk_egk40_magneto/schunk_egk40_magneto.urdf",
+}
+
+PIP = {_DATA: "example-robot-data", _AIRO: "airo-models", _RTB: "rtb-data"}
+"""What pip calls the packages of Python."""
+
+
+def find_named(name: str, option: str) -> tuple[str, dict[str, str]]:
+    """The reference `package://...` of a robot or, for the option `--gripper`, of a gripper; its xacro's arguments.
+
+    Raises InputError for a name that is unknown, or of which no package is installed: it lists those that are.
+    """
+    tables = (GRIPPERS,) if option == "--gripper" else (ROBOTS, ROS_ROBOTS)
+    plain = name.lower().replace("-", "_").replace(" ", "_")
+    for table in tables:
+        if plain in table and (found := _installed(table[plain])):
+            return found
+    kind, installed = option.removeprefix("--"), [
+        known for known in dict.fromkeys(one for table in tables for one in table)
+        if any(known in table and _installed(table[known]) for table in tables)
+    ]  # fmt: skip
+    here = f"installed are {', '.join(sorted(installed))}" if installed else "no package with one is installed"
+    stated = next((table[plain] for table in tables if plain in table), None)
+    if stated is not None:
+        package = next((pip for start, pip in PIP.items() if stated.startswith(start)), None)
+        owner = stated.partition("/")[0]
+        mend = f"pip install {package}" if package else f"install the ROS package {owner}, and source its workspace"
+        message = f"the package of the {kind} `{plain}`, {package or owner}, is not installed; {here}"
+        raise bad_input("missing-package", message, mend=mend)
+    close = nearest(plain, [one for table in tables for one in table])
+    message = f"no {kind} called `{name}`; " + (f"did you mean `{close}`? " if close else "") + here
+    raise bad_input("unknown-robot", message, mend=f"or name its file: `--{'urdf' if kind == 'robot' else kind} FILE`")
+
+
+def _installed(stated: str) -> tuple[str, dict[str, str]] | None:
+    """The reference and the arguments of an entry; None if there is no such file."""
+    path, *words = stated.split()
+    reference = f"package://{path}"
+    with suppress(InputError):
+        resolve(reference, Path.cwd(), package_roots(), Place(Path.cwd()))
+        return reference, dict(word.split(":=", 1) for word in words)
+    return None
