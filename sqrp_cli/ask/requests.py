@@ -421,8 +421,20 @@ class InitRequest(Request):
     arguments: Mapping[str, str] | None = argument(
         "NAME:=VALUE", "Arguments of a xacro, such as ur_type:=ur5e.", values.xacro, default=None, kw_only=True
     )
+    robot: str | None = option(
+        "--robot NAME",
+        "Your arm by its name, such as ur5e, panda or so101; an unknown name lists what is installed.",
+        values.text("the name of a robot"),
+        default=None,
+    )
     urdf: AnyPath = option(
         "--urdf FILE", "Your arm, URDF or xacro; without it, one of the program's own.", values.urdf, default=None
+    )
+    gripper: str | None = option(
+        "--gripper NAME|FILE",
+        "Such as robotiq_2f_85, or its URDF; without it, the hand in the arm's URDF or a suction cup.",
+        values.text("the name or the URDF of a gripper"),
+        default=None,
     )
     moveit: AnyPath = option(
         "--moveit DIR", "Its configuration of MoveIt; one beside the URDF is found.", values.path, default=None

@@ -12,7 +12,7 @@ from pathlib import Path
 from sqrp_cli.cell.mesh import read_mesh
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, no_such
 from sqrp_cli.files import packages, units
-from sqrp_cli.files.entries import Pose, XacroEntry
+from sqrp_cli.files.entries import XacroEntry
 from sqrp_cli.files.frames import link_called
 from sqrp_cli.files.input_file import SourceFile, source_file
 from sqrp_cli.files.source import KeyPath, SourceDocument, dotted

@@ -130,8 +130,8 @@ class ToolEntry(Entry):
     boxes: list[ToolBoxEntry] | None = Field(default=None, min_length=1, max_length=100)
     """Boxes that enclose the tool, instead of a URDF."""
     frame: Pose | None = None
-    """The frame that grasps, as a pose in the tool's root link, without `urdf` and `boxes` in the link that `pose` says;
-    its z axis points out of the tool. It is the tool frame, called `tool_tip`. A tool of boxes must have one."""
+    """The frame that grasps, as a pose in the tool's root link or, without URDF and boxes, from `pose` on; its z
+    axis points out of the tool. It is the tool frame, called `tool_tip`. A tool without a URDF must have one."""
     link: Text = Field(description="The link of the robot that carries the tool's root link.")
     pose: Pose = Field(default=Pose(), description="Pose of the tool's root link in that link.")
     prefix: str = Field(default="", max_length=100)

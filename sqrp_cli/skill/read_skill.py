@@ -28,13 +28,13 @@ FreedEntry = TypeVar("FreedEntry", bound=Entry)
 SKILL_FILE = "skill.yaml"
 
 FINGERS, MARKERS = "fingers", "markers"
-"""Folders in that of a skill for tools with fingers, and for those with markers on them, where these do it differently."""
+"""Folders in that of a skill for tools with fingers, and with markers on them, where these do it differently."""
 
 PATH = "path"  # the parameter that every skill with joint moves has, unless they state their paths
 
 
 def skill_folder(folder: Path, *, fingers: bool, markers: bool) -> Path:
-    """The folder that has the files of a skill for a tool with `fingers`, and `markers` on them: the first that there is.
+    """The folder that has the files of a skill for a tool with `fingers`, and `markers` on them.
 
     `pickup_two_finger`, unless there is such a folder, is what `pickup` is for fingers with markers.
     """
@@ -70,8 +70,9 @@ def missing_skills(missing: Sequence[tuple[Path, Place]]) -> Iterator[Problem]:
 def read_skill(folder: Path, place: Place, digest: dict[str, SourceFile]) -> skill.Skill:
     """The skill in `folder`, named after it; after the folder around it, if it is the one for tools with fingers.
 
-    There, the PDDL file of the folder around it counts unless it has its own. place: where the workspace names the folder. Raises InputError with all problems of its two files; the workspace
-    checks the names of links, objects and detectors.
+    There, the PDDL file of the folder around it counts unless it has its own. place: where the workspace names the
+    folder. Raises InputError with all problems of its two files; the workspace checks the names of links, objects and
+    detectors.
     """
     name = skill_name(folder)
     path = folder / f"{name}.pddl"

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import Literal
 
-from sqrp_cli.errors import InputError, Place, bad_input, nearest
+from sqrp_cli.errors import InputError, Place, bad_option, nearest
 from sqrp_cli.files.packages import package_roots, resolve
 
 _DATA, _AIRO, _RTB = "example-robot-data/robots", "airo_models", "rtbdata/xacro"
@@ -58,35 +59,43 @@ GRIPPERS: Mapping[str, str] = {
     "schunk_egk40": f"{_AIRO}/grippers/schunk_egk40_magneto/schunk_egk40_magneto.urdf",
 }
 
-PIP = {_DATA: "example-robot-data", _AIRO: "airo-models", _RTB: "rtb-data"}
+PIP = {"example-robot-data": "example-robot-data", "airo_models": "airo-models", "rtbdata": "rtb-data"}
 """What pip calls the packages of Python."""
 
+Kind = Literal["robot", "gripper"]
 
-def find_named(name: str, option: str) -> tuple[str, dict[str, str]]:
-    """The reference `package://...` of a robot or, for the option `--gripper`, of a gripper; its xacro's arguments.
+
+def find_named(name: str, kind: Kind) -> tuple[str, dict[str, str]]:
+    """The reference `package://...` of a robot or a gripper, and the arguments of its xacro.
 
     Raises InputError for a name that is unknown, or of which no package is installed: it lists those that are.
     """
-    tables = (GRIPPERS,) if option == "--gripper" else (ROBOTS, ROS_ROBOTS)
+    tables = (GRIPPERS,) if kind == "gripper" else (ROBOTS, ROS_ROBOTS)
     plain = name.lower().replace("-", "_").replace(" ", "_")
     for table in tables:
         if plain in table and (found := _installed(table[plain])):
             return found
-    kind, installed = option.removeprefix("--"), [
-        known for known in dict.fromkeys(one for table in tables for one in table)
-        if any(known in table and _installed(table[known]) for table in tables)
-    ]  # fmt: skip
-    here = f"installed are {', '.join(sorted(installed))}" if installed else "no package with one is installed"
-    stated = next((table[plain] for table in tables if plain in table), None)
-    if stated is not None:
-        package = next((pip for start, pip in PIP.items() if stated.startswith(start)), None)
-        owner = stated.partition("/")[0]
-        mend = f"pip install {package}" if package else f"install the ROS package {owner}, and source its workspace"
-        message = f"the package of the {kind} `{plain}`, {package or owner}, is not installed; {here}"
-        raise bad_input("missing-package", message, mend=mend)
-    close = nearest(plain, [one for table in tables for one in table])
-    message = f"no {kind} called `{name}`; " + (f"did you mean `{close}`? " if close else "") + here
-    raise bad_input("unknown-robot", message, mend=f"or name its file: `--{'urdf' if kind == 'robot' else kind} FILE`")
+    known = list(dict.fromkeys(one for table in tables for one in table))
+    installed = [one for one in known if any(one in table and _installed(table[one]) for table in tables)]
+    here = f"installed are {', '.join(sorted(installed))}" if installed else "none is installed"
+    if plain not in known:
+        close = nearest(plain, known)
+        message = f"no {kind} is called `{name}`; " + (f"did you mean `{close}`? " if close else "") + here
+        raise bad_option(
+            message, mend=f"name one of these, or its file: `--{'urdf' if kind == 'robot' else kind} FILE`"
+        )
+    package = next(table[plain] for table in tables if plain in table).partition("/")[0]
+    how = (
+        f"pip install {PIP[package]}"
+        if package in PIP
+        else f"install the ROS package {package}, and source its workspace"
+    )
+    raise bad_option(f"`{plain}` is in a package that is not installed, {PIP.get(package, package)}; {here}", mend=how)
+
+
+def is_known(name: str) -> bool:
+    """Whether this is the name of a robot."""
+    return name.lower() in {*ROBOTS, *ROS_ROBOTS}
 
 
 def _installed(stated: str) -> tuple[str, dict[str, str]] | None:

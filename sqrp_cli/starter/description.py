@@ -34,6 +34,7 @@ from sqrp_cli.robot.moveit import MoveitLimits, SrdfModel, read_moveit_limits, r
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.robot.robot_xml import RobotSource
 from sqrp_cli.robot.urdf import UrdfModel
+from sqrp_cli.starter.by_name import is_known
 from sqrp_cli.starter.layout import PREFIX, file_text
 
 _SRDF_FOLDERS = (".", "srdf", "config", "../srdf", "../config")
@@ -138,7 +139,9 @@ def _find(robot: OwnRobot, config: MoveitConfig | None) -> tuple[Path, Mapping[s
         # `Path` would raise errors of its own for unknown users and for impossible names.
         named = os.path.expanduser(robot.urdf)  # noqa: PTH111
         if "://" not in robot.urdf and not os.path.isfile(named):  # noqa: PTH113
-            raise InputError(missing_file(Path(named)))
+            problem = missing_file(Path(named))
+            by_name = f"name the robot, not a file: `--robot {robot.urdf}`"
+            raise InputError(replace(problem, mend=by_name) if is_known(robot.urdf) else problem)
         path = resolve(robot.urdf, Path.cwd(), roots, None).resolve()
         return path, {**(config.arguments if config is not None and config.names(path) else {}), **robot.arguments}
     assert config is not None  # noqa: S101 - a user names one of the two

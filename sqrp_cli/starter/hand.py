@@ -34,10 +34,10 @@ class Grip:
 
 
 def driven_joints(joints: Collection[UrdfJoint], carried: Collection[str]) -> list[UrdfJoint]:
-    """The joints that drive the fingers on some links; empty if there are none, more than two, or one is endless."""
-    driven = [joint for joint in joints if joint.movable and joint.mimic is None and joint.parent in carried]
-    finite = all(np.isfinite([joint.lower, joint.upper]).all() and joint.lower < joint.upper for joint in driven)
-    return driven if len(driven) <= MOST_DRIVEN and finite else []
+    """The joints that drive the fingers on some links, but endless ones; empty if there are none, or more than two."""
+    moving = [joint for joint in joints if joint.movable and joint.mimic is None and joint.parent in carried]
+    driven = [one for one in moving if np.isfinite([one.lower, one.upper]).all() and one.lower < one.upper]
+    return driven if len(driven) <= MOST_DRIVEN else []
 
 
 def find_grip(cell: Cell, root: str, carried: Collection[str], out: Array, size: float) -> Grip | None:

@@ -132,7 +132,8 @@ def workspace_text(layout: Layout) -> str:
     else:
         assert grip is not None  # noqa: S101 - else it is a cup
         named = f"    urdf: {layout.gripper}\n    prefix: {PREFIX}\n" if layout.gripper else ""
-        tool = f"  tool:{'' if layout.gripper else '  # check: the hand of the robot'}\n{named}    link: {_text(layout.tip)}\n"
+        tool = "  tool:" + ("" if layout.gripper else "  # check: the hand of the robot")
+        tool += f"\n{named}    link: {_text(layout.tip)}\n"
         if layout.X_LT is not None:
             tool += f"    pose: {_pose(layout.X_LT)}  # check: where the gripper begins, its z axis pointing out\n"
         tool += f"    frame: {_pose(grip.X_RT)}  # check: {_FRAME}\n"
@@ -194,7 +195,7 @@ def _text(value: str) -> str:
     return value if plain and harmless and value.lower() not in words else json.dumps(value, ensure_ascii=False)
 
 
-def _position(at: float, slides: bool) -> str:  # noqa: FBT001 - of a joint
+def _position(at: float, slides: bool) -> str:
     return f"{_number(at)} m" if slides else f"{round(degrees(at), 1) + 0.0:g} deg"
 
 

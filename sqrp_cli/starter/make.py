@@ -132,6 +132,10 @@ def _filled(
                 best = named
                 break
     best, warnings = _told_apart(best), [*description.warnings]
+    if best.grip is not None:
+        (draft / SUCTION_CUP).unlink()
+        with suppress(OSError):  # the shipped arm is beside it
+            (draft / SUCTION_CUP).parent.rmdir()
     if arm.others:
         message = f"the robot has several arms, and the one that carries `{arm.tip}` is taken"
         mend = "another one: " + " or ".join(f"`--tip {name}`" for name in arm.others)
@@ -159,7 +163,12 @@ def _with_hand(layout: Layout, description: Description, arm: ArmGuess, bare: Ce
     if gripper is None:
         root, carried, out, joints = arm.tip, arm.carried, arm.out, description.urdf.movable_joints
     else:
-        root, carried, out, joints = gripper.root, tuple(gripper.links), np.array([0.0, 0.0, 1.0]), gripper.movable_joints
+        root, carried, out, joints = (
+            gripper.root,
+            tuple(gripper.links),
+            np.array([0.0, 0.0, 1.0]),
+            gripper.movable_joints,
+        )
         layout = replace(layout, gripper=description.gripper_text, X_LT=seat)
     driven, size = driven_joints(joints, carried), _cube_size(search.arm_reach(bare.model), None)
     if driven:
@@ -167,7 +176,10 @@ def _with_hand(layout: Layout, description: Description, arm: ArmGuess, bare: Ce
         lower, upper = {}, {}  # in whole tenths of degrees or millimetres, as the file has them
         for joint in driven:
             step = 1e-4 if joint.name in slides else radians(0.1)
-            lower[joint.name], upper[joint.name] = ceil(joint.lower / step - 1e-6) * step, floor(joint.upper / step + 1e-6) * step
+            lower[joint.name], upper[joint.name] = (
+                ceil(joint.lower / step - 1e-6) * step,
+                floor(joint.upper / step + 1e-6) * step,
+            )
         layout = replace(layout, grip=Grip(lower, upper, SMALLEST_CUBE, np.eye(4)), slides=frozenset(slides))
         grip = find_grip(_load(layout), root, carried, out, size)
         if grip is not None:
@@ -175,7 +187,9 @@ def _with_hand(layout: Layout, description: Description, arm: ArmGuess, bare: Ce
     return replace(layout, X_LT=seat, gripper=None, grip=None)
 
 
-def _tried(layout: Layout, description: Description, arm: ArmGuess, advance: Callable[[int], object]) -> list[tuple[Layout, str]]:
+def _tried(
+    layout: Layout, description: Description, arm: ArmGuess, advance: Callable[[int], object]
+) -> list[tuple[Layout, str]]:
     """What the arm can do with a tool from one stand after the other, until there is enough; and why not more.
 
     A layout with home position, reachable cubes and cameras, as far as they are found, for each stand.

@@ -25,14 +25,21 @@ def made(ask: InitRequest) -> NewCell:
     package. Raises InputError for an arm that cannot be used; nothing is ever overwritten.
     """
     from sqrp_cli.show.documents.programs import NewCell
+    from sqrp_cli.starter.by_name import find_named
     from sqrp_cli.starter.description import OwnRobot
     from sqrp_cli.starter.make import make_starter
     from sqrp_cli.starter.search import MOST_STANDS
 
-    folder, is_own = Path(ask.folder), ask.urdf is not None or ask.moveit is not None
+    folder, is_own = Path(ask.folder), any(one is not None for one in (ask.robot, ask.urdf, ask.moveit))
     roots = tuple(map(Path, ask.package_roots))
-    moveit = None if ask.moveit is None else Path(ask.moveit)
-    own = OwnRobot(None if ask.urdf is None else str(ask.urdf), dict(ask.arguments or {}), roots, moveit)
+    urdf, given = (None if ask.urdf is None else str(ask.urdf)), dict(ask.arguments or {})
+    if ask.robot is not None:
+        urdf, usual = find_named(ask.robot, "robot")
+        given = {**usual, **given}
+    gripper = ask.gripper
+    if gripper is not None and "/" not in gripper and not Path(gripper).is_file():
+        gripper, _ = find_named(gripper, "gripper")
+    own = OwnRobot(urdf, given, roots, None if ask.moveit is None else Path(ask.moveit), gripper)
     with ask.progress("Looking for what the arm can reach", MOST_STANDS) as advance:
         found = make_starter(folder, own if is_own else None, ask.tip, advance)
     tried = first_run(found.folder, found.task, ask.progress) if ask.run and found.task is not None else None

@@ -13,7 +13,7 @@ from sqrp_cli.ask.api.new_cell import made
 from sqrp_cli.ask.api.results import is_result, read_result
 from sqrp_cli.ask.request import argument, flag, option
 from sqrp_cli.cli.command import command
-from sqrp_cli.cli.options import answer, check_needed, open_with_warnings
+from sqrp_cli.cli.options import answer, check_excluded, check_needed, open_with_warnings
 from sqrp_cli.errors import ExitCode, InputError, bad_input, bad_option, expected_names
 
 
@@ -206,8 +206,10 @@ def _init(ask: requests.InitRequest, *, json: bool = requests.JSON) -> ExitCode:
         named = ", ".join(f"`{word}`" for word in folders) or "none"
         raise bad_option(f"expected one folder, and arguments such as `ur_type:=ur5e`; found the folders {named}")
     folder = Path(folders[0])
-    of_arm = {"--tip": ask.tip, "--package-root": ask.package_roots, "an argument": given}
-    check_needed("the arm of --urdf", ask.moveit if ask.urdf is None else ask.urdf, of_arm)
+    if ask.robot is not None:
+        check_excluded("--robot", {"--urdf": ask.urdf})
+    of_arm = {"--tip": ask.tip, "--package-root": ask.package_roots, "--gripper": ask.gripper, "an argument": given}
+    check_needed("the arm of --robot or --urdf", ask.robot or ask.urdf or ask.moveit, of_arm)
     for root in ask.package_roots:
         if not Path(root).is_dir():
             raise bad_input("missing-folder", f"--package-root: there is no folder {root}")
