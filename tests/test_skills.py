@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -81,12 +82,12 @@ def test_towers_are_planned_with_pickup_place_stack_and_unstack(
 
 
 @pytest.mark.parametrize(("begins", "wanted", "steps"), [(True, "a", ["pickup"]), (False, "b", ["place", "pickup"])])
-def test_a_gripper_with_fingers_is_open_again_once_it_has_placed_something(
+def test_a_gripper_with_markers_is_open_again_once_it_has_placed_something(
     begins: bool, wanted: str, steps: list[str]
 ) -> None:
     standing = [Atom("obj_on_table", (cube,)) for cube in CUBES if begins or cube != "a"]
     facts = frozenset([*standing, Atom("open", ()) if begins else Atom("hold", ("a",))])
-    found = find_plan(domain("pickup/fingers", "place/fingers"), OBJECTS, facts, goal(Atom("hold", (wanted,))), {})
+    found = find_plan(domain("pickup/markers", "place/markers"), OBJECTS, facts, goal(Atom("hold", (wanted,))), {})
     assert isinstance(found, tuple)
     assert [step.action for step in found] == steps
     assert found[-1].arguments[0] == wanted
@@ -101,10 +102,15 @@ SCREWS = SKILLS.parent / "workspaces" / "screws" / "workspace.yaml"
 
 
 def test_pickup_is_done_with_whatever_tool_a_cell_has() -> None:
-    fingers, suction = load_workspace(SCREWS), load_workspace(SKILLS.parent / "workspaces" / "tabletop")
-    assert fingers.skills["pickup"].folder == SKILLS / "pickup" / "fingers"
-    assert suction.skills["pickup"].folder == SKILLS / "pickup"
-    assert "open" in fingers.skills["pickup"].domain.predicates
+    markers, suction = load_workspace(SCREWS), load_workspace(SKILLS.parent / "workspaces" / "tabletop")
+    text = re.sub(r"  markers:\n(    .*\n)+", "", SCREWS.read_text(encoding="utf-8")).replace("- open", "- hand_empty")
+    fingers = load_workspace(SCREWS, text.encode())
+    assert fingers.robot.markers == {}
+    of = {name: cell.skills["pickup"] for name, cell in vars().items() if name in ("markers", "suction", "fingers")}
+    folders = {"markers": SKILLS / "pickup" / "markers", "fingers": SKILLS / "pickup" / "fingers"}
+    assert {name: one.folder for name, one in of.items()} == {**folders, "suction": SKILLS / "pickup"}
+    assert [name for name, one in of.items() if "open" in one.domain.predicates] == ["markers"]
+    assert of["fingers"].domain.path == of["suction"].domain.path  # one PDDL file for both
 
 
 def test_what_names_the_former_skill_for_fingers_is_still_read() -> None:

@@ -78,7 +78,7 @@ table's top is z = 0
   limits: {limits}
 
 detectors:                  # what your detection algorithms can do
-  color: {{kind: color, distance: [20 cm, 5 m], max_incidence: 90 deg, min_pixels: 12, min_visible: 0.5}}
+  color: {{kind: color, distance: [5 cm, 5 m], max_incidence: 90 deg, min_pixels: 12, min_visible: 0.5}}  # check: yours
 """
 
 _CUP = """\
@@ -95,7 +95,7 @@ _FINGERS = """\
   fingers:  # check: the joints that drive the fingers; those that follow them need no line
     open: {open}
     closed: {closed}
-    width: {width} mm  # check: how wide they open
+    width: {width} mm  # check: how wide they open, fingertip to fingertip
 """
 
 PREFIX = "gripper_"  # before the names of a gripper's links and joints, which are often those of the robot
@@ -104,7 +104,7 @@ _CAMERA = """\
   {name}:  # check: yours; or `calibration: camera.yaml` (ROS) instead of `image`
     pose: {{position: {position}, look_at: {look_at}}}
     image: {{width: 1280, height: 960, horizontal_fov: 60 deg}}
-    near: 20 cm
+    near: 5 cm
     far: 6 m
     rate: 10 Hz
     latency: 50 ms

@@ -10,7 +10,7 @@ import pytest
 
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.checks.lint import lint
-from sqrp_cli.errors import InputError
+from sqrp_cli.errors import Infeasible, InputError
 from sqrp_cli.files.packages import package_roots
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion
@@ -19,6 +19,7 @@ from sqrp_cli.starter.make import make_starter
 from sqrp_cli.study.analysis import analyse
 from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.feasibility import feasible_motion
+from sqrp_cli.task.grips import grips
 from sqrp_cli.task.task import read_task
 
 ROBOTS = "package://example-robot-data/robots/"
@@ -34,6 +35,9 @@ ARMS = {
 }
 """Arms as laboratories have them, and where a robot programmer would fix a tool; UR and Z1 have no usable SRDF, and
 Z1 is too low for its tool."""
+
+HANDS = ("panda", "z1")
+"""Those with fingers in their URDF."""
 
 SWEEP = ("ur10", "kinova", "xarm7")
 """Further arms, for trials; home and cubes of the last are sought for half a minute."""
@@ -67,7 +71,8 @@ def test_the_tool_is_fixed_where_a_programmer_would_and_what_was_guessed_is_mark
     assert starter.tip == ARMS[arm][1]
     text = (starter.folder / "workspace.yaml").read_text()
     marked = set(re.findall(r"^ *(\w+):.*# check:", text, re.MULTILINE))
-    guessed = {"base", "tool", "tool_frame", "home", *(["srdf"] if arm == "panda" else [])}
+    grasps = {"tool", "frame", "fingers", "width"} if arm in HANDS else {"tool", "tool_frame"}
+    guessed = {"base", "home", "color", *grasps, *(["srdf"] if arm == "panda" else [])}
     assert ("check:" in text) == (arm != "own")
     assert arm == "own" or guessed <= marked
 
@@ -103,10 +108,12 @@ def test_every_motion_keeps_limits_and_distance(cell: Cell, motions: dict[str, M
     motion = next(iter(motions.values()))
     for primitive in motion.primitives:
         t = np.arange(0, primitive.end - primitive.start, 1e-3)
-        for order, limit in ((1, model.velocity), (2, model.acceleration), (3, model.jerk)):
+        for order, name in ((1, "velocity"), (2, "acceleration"), (3, "jerk")):
+            limit = np.concatenate([getattr(part, name) for part in (model, model.fingers)])
             assert (np.abs(primitive.trajectory.motion(t, order)[order]) <= limit * (1 + 1e-9)).all(), primitive.name
         q = primitive.trajectory.positions(t)
-        assert ((q >= model.lower - 1e-6) & (q <= model.upper + 1e-6)).all()
+        span = model.position_limits
+        assert ((q >= span.lower - 1e-6) & (q <= span.upper + 1e-6)).all()
         if primitive.name in ("a1", "a2"):
             allowed = frozenset({("g1", link) for link in model.tool_links} if primitive.name == "a2" else ())
             scene = cell.collision.placed(cell.initial_world, allowed)
@@ -116,8 +123,9 @@ def test_every_motion_keeps_limits_and_distance(cell: Cell, motions: dict[str, M
 def test_the_cameras_see_all_that_matters_in_one_way_at_least(cell: Cell) -> None:
     found = []
     for candidate in read_task("pickup green", cell.workspace).candidates:
-        analysis = analyse(cell, candidate, cell.initial_world, FixedCount(20), full=False)
-        found.append(analysis.result.q_eoi)
+        for grip in grips(cell, candidate, cell.initial_world):  # fingers hide an object, turned otherwise they do not
+            analysis = analyse(cell, grip, cell.initial_world, FixedCount(20), full=False)
+            found.append(0.0 if isinstance(analysis, Infeasible) else analysis.result.q_eoi)
     assert max(found) > 0.9
 
 
