@@ -121,6 +121,26 @@ def test_a_tool_may_be_boxes_with_a_frame_that_grasps(damaged):
     assert [(part.parent, part.shape) for part in robot.parts][-1] == ("tool_body", Box((0.06, 0.06, 0.04)))
 
 
+@pytest.mark.parametrize(("of", "root", "frame"), [
+    ("urdf: cup.urdf, ", "cup", "tool_tip"), ("", "tool_body", "tool_tip"), ("prefix: my_, ", "my_tool_body", "my_tool_tip"),
+])  # fmt: skip
+def test_where_it_grasps_may_be_a_pose_in_the_urdf_of_a_tool_or_on_a_hand_of_the_robot(damaged, of, root, frame):
+    """In the link of the robot: 5 mm to the tool's root, and 30 mm from there to the frame."""
+    stated = f"tool: {{{of}link: wrist, pose: {{position: [0, 0, 5 mm]}}, frame: {{position: [0, 0, 3 cm]}}}}"
+    urdf = "tool: {urdf: cup.urdf, link: wrist, pose: {position: [0, 0, 5 mm]}}\n  tool_frame: tip"
+    robot = load_workspace(damaged({"file": "workspace.yaml", "replace": {urdf: stated}})).robot
+    assert (robot.tool.urdf.root, robot.tool_frame) == (root, frame)
+    assert ("cup" in [part.parent for part in robot.parts]) == (root == "cup")
+    poses = RobotModel.load(robot).home_links
+    assert (np.linalg.inv(poses["wrist"]) @ poses[frame])[:3, 3] == pytest.approx([0.0, 0.0, 0.035])
+
+
+def test_a_tool_without_a_urdf_must_say_where_it_grasps(damaged):
+    replace = {"tool: {urdf: cup.urdf, link: wrist": "tool: {link: wrist"}
+    problem = refusal(damaged({"file": "workspace.yaml", "replace": replace}))
+    assert "a tool without `urdf` needs `frame`, where it grasps" in problem.message
+
+
 def test_robot_and_tool_with_links_and_joints_of_the_same_names_are_joined_by_a_prefix(cell):
     """The tool's links have the names of the robot's, and its finger moves by a joint of the name of one of it."""
     renamed = (cell / "cup.urdf").read_text().replace('"cup"', '"base"').replace('"cup_tip"', '"elbow"')
