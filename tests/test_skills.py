@@ -102,15 +102,17 @@ SCREWS = SKILLS.parent / "workspaces" / "screws" / "workspace.yaml"
 
 
 def test_pickup_is_done_with_whatever_tool_a_cell_has() -> None:
-    markers, suction = load_workspace(SCREWS), load_workspace(SKILLS.parent / "workspaces" / "tabletop")
     text = re.sub(r"  markers:\n(    .*\n)+", "", SCREWS.read_text(encoding="utf-8")).replace("- open", "- hand_empty")
-    fingers = load_workspace(SCREWS, text.encode())
-    assert fingers.robot.markers == {}
-    of = {name: cell.skills["pickup"] for name, cell in vars().items() if name in ("markers", "suction", "fingers")}
-    folders = {"markers": SKILLS / "pickup" / "markers", "fingers": SKILLS / "pickup" / "fingers"}
-    assert {name: one.folder for name, one in of.items()} == {**folders, "suction": SKILLS / "pickup"}
-    assert [name for name, one in of.items() if "open" in one.domain.predicates] == ["markers"]
-    assert of["fingers"].domain.path == of["suction"].domain.path  # one PDDL file for both
+    cells = [
+        load_workspace(SCREWS),
+        load_workspace(SCREWS, text.encode()),
+        load_workspace(SKILLS.parent / "workspaces" / "tabletop"),
+    ]
+    markers, fingers, suction = (cell.skills["pickup"] for cell in cells)
+    folders = [SKILLS / "pickup" / "markers", SKILLS / "pickup" / "fingers", SKILLS / "pickup"]
+    assert [markers.folder, fingers.folder, suction.folder] == folders
+    assert ["open" in one.domain.predicates for one in (markers, fingers, suction)] == [True, False, False]
+    assert fingers.domain.path == suction.domain.path  # one PDDL file for both
 
 
 def test_what_names_the_former_skill_for_fingers_is_still_read() -> None:
