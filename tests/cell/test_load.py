@@ -122,7 +122,8 @@ def test_a_tool_may_be_boxes_with_a_frame_that_grasps(damaged):
 
 
 @pytest.mark.parametrize(("of", "root", "frame"), [
-    ("urdf: cup.urdf, ", "cup", "tool_tip"), ("", "tool_body", "tool_tip"), ("prefix: my_, ", "my_tool_body", "my_tool_tip"),
+    ("urdf: cup.urdf, ", "cup", "tool_tip"), ("", "tool_body", "tool_tip"),
+    ("prefix: my_, ", "my_tool_body", "my_tool_tip"),
 ])  # fmt: skip
 def test_where_it_grasps_may_be_a_pose_in_the_urdf_of_a_tool_or_on_a_hand_of_the_robot(damaged, of, root, frame):
     """In the link of the robot: 5 mm to the tool's root, and 30 mm from there to the frame."""

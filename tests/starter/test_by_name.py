@@ -34,7 +34,8 @@ def test_every_gripper_of_an_installed_package_has_fingers(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(("name", "message", "mend"), [
-    ("padna", r"no robot is called `padna`; did you mean `panda`\? installed are .*\bso101\b.*\bur5e\b", r"--urdf FILE"),
+    ("padna", r"no robot is called `padna`; did you mean `panda`\? installed are .*\bso101\b.*\bur5e\b",
+     "--urdf FILE"),
     ("gen3", r"`gen3` is in a package that is not installed, kortex_description; installed are .*\bpanda\b",
      "install the ROS package kortex_description, and source its workspace"),
 ])  # fmt: skip
