@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -53,3 +54,18 @@ def test_pages_load_nothing_from_elsewhere(site: Path) -> None:
         text = page.read_text()
         assert '<script src="http' not in text, page
         assert '<link rel="stylesheet" href="http' not in text, page
+
+
+FOUND = {"gripper": "gripper", "latency": "latency", "never noticed": "noticed"}
+"""What people look for, and a word in the best answer."""
+
+
+@pytest.mark.slow
+def test_search_works_from_the_disk(site: Path, browser: Any) -> None:
+    page = browser.new_page(offline=True)
+    page.goto((site / "index.html").as_uri())
+    for words, answer in FOUND.items():
+        page.fill(".md-search__input", "")
+        page.type(".md-search__input", words)
+        page.locator(".md-search-result__item").nth(0).filter(has_text=answer).wait_for()
+    page.close()
