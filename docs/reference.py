@@ -136,7 +136,7 @@ def usual_values_page() -> str:
 
 def formats_page() -> str:
     """The formats of calibration files, as their readers describe them."""
-    parts = ["# Formats of calibration files", "", "See [calibration files](calibrations.md).", ""]
+    parts = ["# Formats of calibration files, one by one", "", "See [calibration files](calibrations.md).", ""]
     parts += ["| format | written by | what gives it away | not read |", "|---|---|---|---|"]
     return "\n".join([*parts, *(f"| {row} |" for one in FORMATS.values() for row in one["files"])]) + "\n"
 

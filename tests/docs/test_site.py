@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -33,6 +34,16 @@ def test_every_command_has_its_section(site: Path) -> None:
     page = (site / "reference" / "commands.html").read_text()
     for command in typer.main.get_command(app).commands:  # type: ignore[attr-defined] # it is a group
         assert f'id="sqrp-{command}"' in page
+
+
+def test_the_first_page_and_the_menu_lead_to_every_page_under_a_name_of_its_own(site: Path) -> None:
+    menu, _, first = (site / "index.html").read_text().partition('<div class="md-content"')
+    pages = [page for page in site.rglob("*.html") if page.name not in ("index.html", "404.html")]
+    for page in pages:
+        link = f'href="{page.relative_to(site)}"'
+        assert link in menu, link
+        assert link in first, link
+    assert len({re.findall("<title>.*?</title>", page.read_text())[0] for page in pages}) == len(pages)
 
 
 def test_every_finding_has_its_section(site: Path) -> None:
