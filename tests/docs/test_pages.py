@@ -18,6 +18,7 @@ LINK = re.compile(r"\]\((?!https?:|mailto:)([^)#\s]+)?(?:#([^)\s]+))?\)")
 
 MADE = {
     "commands.md",
+    "mounts.md",
     "robot.md",
     "workspace.md",
     "skill.md",
