@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from functools import cache
+from pathlib import Path
 from shlex import quote
 from typing import Any
 
@@ -13,8 +14,7 @@ import typer
 from sqrp_cli import __version__
 from sqrp_cli.cli import watch
 from sqrp_cli.cli.command import UsageError, app, line
-
-from sqrp_cli.cli.commands import tasks, programs, runs, scores, workspaces  # noqa: F401 - as `--help` lists them # isort: skip
+from sqrp_cli.cli.commands import programs, runs, scores, tasks, workspaces  # noqa: F401 - each adds its commands
 from sqrp_cli.cli.completion import ASKED, example_task, for_named_shell, propose
 from sqrp_cli.cli.streams import ResultsLost
 from sqrp_cli.errors import ExitCode, InputError, expected_names, nearest
@@ -24,6 +24,18 @@ from sqrp_cli.show.terminal.progress_lines import Verbosity
 from sqrp_cli.shown import harmless, one_line
 
 ANYWHERE = ("-q", "--quiet", "-v", "--verbose", "--debug")  # options that may stand before the command and after it
+
+
+FIRST_STEPS = """\
+How well will the cameras of a robot cell see what matters?
+
+{shipped}  sqrp init mycell                               a new cell; --robot NAME: yours
+  sqrp check mycell                              after a change of its workspace.yaml
+  sqrp rank mycell "pickup green"                which part is seen best; what is not
+  sqrp explain mycell "pickup green"             when, by which camera, and why not
+  sqrp studio mycell                             all of that live, in a browser
+  sqrp help                                      all commands; sqrp help rank: one"""
+SHIPPED = '  sqrp rank workspaces/tabletop "pickup green"   a cell that comes with SQRP\n'  # where there is a clone
 
 
 def _print_version(wanted: bool) -> None:
@@ -63,15 +75,17 @@ def execute(arguments: list[str]) -> int:
         end = arguments.index("--") if "--" in arguments else len(arguments)
         first = [word for word in arguments[:end] if word in ANYWHERE]
         rest = [word for word in arguments[:end] if word not in ANYWHERE]
+        if not [*rest, *arguments[end + 1 :]]:
+            typer.echo(FIRST_STEPS.format(shipped=SHIPPED * Path("workspaces/tabletop").is_dir()))
+            return ExitCode.OK
+        if rest[:1] == ["help"]:
+            rest = [*rest[1:], "--help"]
         with _group().make_context("sqrp", [*first, *rest, *arguments[end:]]) as context:
             return int(context.command.invoke(context) or ExitCode.OK)
     except typer.Exit as leaving:
         return leaving.exit_code
     except UsageError as error:
         message = error.format_message() if hasattr(error, "format_message") else str(error)
-        if message.startswith("Usage:"):  # no command at all
-            typer.echo(message, err=True)
-            return ExitCode.BAD_INPUT
         _print_error(f"error: {_in_own_words(error, message)}")
         if (context := getattr(error, "ctx", None)) is not None:
             _print_error(f"  to see what is expected: {context.command_path} --help")

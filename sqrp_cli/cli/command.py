@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperGroup
 
 from sqrp_cli.ask.request import NEEDED, Field, OptionWord, Request, Words
 from sqrp_cli.cli import completion
@@ -18,13 +18,57 @@ from sqrp_cli.errors import ExitCode, bad_option
 UsageError: Any = typer.BadParameter.__base__
 """What Typer raises for a command line that it cannot read; it names it nowhere else."""
 
+COMMANDS = {
+    "Start": "init check show",
+    "Choose": "rank explain advise place studio",
+    "Run": "program run audit",
+    "Automate": "score diff",
+    "More commands": "set schema rules cell calibrate",
+}
+"""As `--help` lists them: in groups, by what a user is about to do."""
+
+FIRST = {
+    "rank": "program choose by ways report",
+    "explain": "choose all ways images step",
+    "advise": "want kinds choose apply patch",
+    "place": "cameras want survive patch report",
+    "run": "sim robot fault record report",
+    "score": "baseline save-baseline junit summary report",
+    "diff": "allow json",
+}
+"""The options that matter most, of commands with many."""
+
+OPTIONS = {
+    "Sampling": "samples dt tolerance calibration",
+    "Computing": "jobs seed out resume cluster tls",
+    "Output": "all report open images patch junit summary save-baseline log record frames watch json help",
+}
+"""Groups of all other options; those of none stand between."""
+
+FEW = 9
+"""So many options need no groups."""
+
+
+class GroupedCommands(TyperGroup):
+    """The commands, listed in groups."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 # its type has no public name
+        """Write the groups of commands, then the options that all of them take."""
+        width = max(map(len, self.commands))
+        for title, names in COMMANDS.items():
+            with formatter.section(title):
+                formatter.write_dl([(name.ljust(width), self.commands[name].short_help) for name in names.split()])
+        with formatter.section("Options"):
+            formatter.write_dl([row for one in self.get_params(ctx) if (row := one.get_help_record(ctx))])
+
+
 app = typer.Typer(
     name="sqrp",
+    cls=GroupedCommands,
     help="How well will the cameras of a robot cell see what matters? Asked and answered before the robot moves.",
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
 )
 
 line: ContextVar[list[str]] = ContextVar("line", default=[])  # noqa: B039 - never changed
@@ -70,17 +114,25 @@ class ParsedCommand(TyperCommand):
         return shown
 
     def format_options(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 # as above
-        """Write the sections of arguments and options."""
-        sections: dict[str, list[tuple[str, str]]] = {"argument": [], "option": []}
-        for one in self.get_params(ctx):
-            record = one.get_help_record(ctx)
-            if record is not None:
-                name = one.metavar if one.param_type_name == "argument" else record[0]
-                sections[one.param_type_name].append((name or record[0], record[1]))
-        for kind, rows in sections.items():
+        """Write the arguments, then the options: few in one list, of many the first few, then the rest in groups."""
+        arguments, options = list[tuple[str, str]](), dict[str, tuple[str, str]]()
+        for one in (one for one in list[Any](self.get_params(ctx)) if one.get_help_record(ctx) is not None):
+            shown, help_ = one.get_help_record(ctx)
+            if one.param_type_name == "argument":
+                arguments.append((one.metavar or shown, help_))
+            else:
+                options[max(one.opts, key=len).lstrip("-")] = (shown, help_)
+        width = min(30, max(len(shown) for shown, _ in options.values()))
+        first = FIRST.get(self.name or "", "") if len(options) > FEW else " ".join(options)
+        elsewhere = " ".join([first, *OPTIONS.values()]).split()
+        others = " ".join(name for name in options if name not in elsewhere)
+        sections = {"Arguments": arguments}
+        for title, names in {"Options": first, "More options": others, **OPTIONS}.items():
+            sections[title] = [options.pop(name) for name in names.split() if name in options]
+        for title, rows in sections.items():
             if rows:
-                with formatter.section(f"{kind.capitalize()}s"):
-                    formatter.write_dl(rows)
+                with formatter.section(title):
+                    formatter.write_dl([(shown.ljust(width), help_) for shown, help_ in rows])
 
 
 def _each(value: Any) -> list[Any]:  # noqa: ANN401 # as above

@@ -10,10 +10,12 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
 
 import sqrp_cli
 from sqrp_cli.ask.api.cell import OpenCell
 from sqrp_cli.cli.app import app
+from sqrp_cli.cli.command import FIRST
 
 NAMES = [one.name for one in app.registered_commands]
 
@@ -23,6 +25,23 @@ def test_help_fits_eighty_columns_and_speaks_in_words(sqrp, command):
     out = sqrp(*filter(None, [command]), "--help", columns=80).out
     assert all(len(line) <= 80 for line in out.splitlines())
     assert not re.search(r"<\w|list\[|[{}]", out)
+    # Every command and option stands there once.
+    parser = typer.main.get_command(app)
+    params = (parser.commands[command] if command else parser).params
+    known = ["--help", *(max(one.opts, key=len) for one in params if one.param_type_name == "option")]
+    listed = out.partition("Options:" if command else "answered before the robot moves.")[2]
+    shown = re.findall(r"^  (?:-\w, )?(\S+)", listed, re.MULTILINE)
+    assert sorted(one.partition("/")[0] for one in shown) == sorted([*known, *([] if command else NAMES)])
+
+
+@pytest.mark.parametrize("command", FIRST)
+def test_the_options_that_matter_come_first(sqrp, command):
+    found = sqrp("help", command, columns=120)
+    first = found.out.partition("\nOptions:\n")[2].partition("\n\n")[0]
+    assert re.findall(r"^  --([\w-]+)", first, re.MULTILINE) == FIRST[command].split()
+    assert len(FIRST[command].split()) <= 5
+    assert found == sqrp(command, "--help", columns=120)
+    assert max(map(len, found.out.splitlines())) in range(100, 121)
 
 
 def test_verbose_says_how_long_each_step_took(sqrp, watch):

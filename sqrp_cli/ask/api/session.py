@@ -57,9 +57,10 @@ class Session:
         world, is made again from there on, unless `after` names it, too. Raises InputError for input that cannot be
         used.
         """
-        from sqrp_cli.program.file import check_program, load_program
 
         def steps_in(path: Path) -> tuple[Step, ...]:
+            from sqrp_cli.program.file import check_program, load_program
+
             program = load_program(path)
             check_program(program, path, cell.workspace)
             return program.steps
