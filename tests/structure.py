@@ -41,7 +41,7 @@ ROOMS = {
     "field": ("field ros", 2_946),
     "score": ("score", 2_293),
     "show": ("show", 4_878),
-    "ask": ("ask cli __init__ __main__", 5_191),
+    "ask": ("ask cli __init__ __main__", 5_258),
     "studio": ("studio", 1_760),
     "starter, platform": ("starter platform", 2_083),
 }
