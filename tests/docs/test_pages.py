@@ -78,6 +78,13 @@ def test_the_readme_asks_why_of_the_candidate_that_its_ranking_has_last() -> Non
     assert f'"pickup green" --choose {last}`' in readme
 
 
+def test_the_drawing_of_the_idea_has_figures_that_commands_print() -> None:
+    shown = (ROOT / "README.md").read_text() + (ROOT / "docs" / "howto" / "run.md").read_text()
+    figures = re.findall(r">[^<]*?(\d+\.\d+) [sm]<", (ROOT / "docs" / "pictures" / "idea.svg").read_text())
+    assert len(figures) == 9
+    assert [figure for figure in figures if not re.search(rf"\b{re.escape(figure)}\b", shown)] == []
+
+
 def test_the_first_page_shows_every_command() -> None:
     text = (ROOT / "docs" / "index.md").read_text()
     for command in typer.main.get_command(app).commands:  # type: ignore[attr-defined] # it is a group
