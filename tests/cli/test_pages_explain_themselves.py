@@ -79,7 +79,7 @@ def test_the_worst_fault_is_in_sight_however_many_columns_there_are(browser, tmp
         assert too_wide(resized(opened, size)) == []
         cells = dict(zip(opened.texts("#ranking th"), opened.texts("#ranking tbody tr:first-child td"), strict=True))
         assert cells["worst fault"] == "popped_out"
-        assert (cells["seen [s]"], cells["at worst"]) == ("1.10", "4.40")
+        assert (cells["noticed after [s]"], cells["at the latest"]) == ("1.10", "4.40")
         assert ("with" in cells) is (labels > 4)
     assert opened.complaints == []
     opened.context.close()
@@ -96,12 +96,12 @@ def test_figures_are_those_of_the_document_and_it_is_said_why_the_first_is_the_b
     best = ranked[1][0]
     (name, fault), *_ = best["faults"].items()
     shown = dict(zip(opened.texts("#figures dt"), opened.texts("#figures dd"), strict=True))
-    shares = {"Q_eoi": f"{100 * best['q_eoi']:.1f} %", "Q_avg": f"{100 * best['q_avg']:.1f} %"}
+    shares = {"critical time seen": f"{100 * best['q_eoi']:.1f} %", "time seen": f"{100 * best['q_avg']:.1f} %"}
     assert shown == {**shares, "time": f"{best['time']:.2f} s"}
     cells = [name, *(f"{fault[key]:.2f} s" for key in ("delay_mean", "delay_worst", "blind_longest"))]
     assert opened.texts("#faults td")[:4] == cells
     (said,) = opened.texts("#summary")
-    assert said.startswith("2 of 2 candidates can be done, best Q_eoi first. seen is best: the cameras see")
+    assert said.startswith("Take seen: if `moved` happens (wait, w2), you know after ")
 
 
 def test_words_explain_themselves_and_the_legend_has_what_the_rows_have(opened):
@@ -113,10 +113,10 @@ def test_words_explain_themselves_and_the_legend_has_what_the_rows_have(opened):
         if opened.page.locator("#tip").is_visible():
             told[words.nth(index).inner_text()] = opened.texts("#tip")[0].strip("\u2068\u2069")
             assert words.nth(index).get_attribute("aria-describedby") == "tip"
-    assert {"Q_eoi", "Q_avg", "time", "at worst", "longest blind stretch"} <= set(told)
+    assert {"critical time seen", "time seen", "time", "at the latest", "longest time unseen"} <= set(told)
     listed = dict(zip(opened.texts("#words dt"), opened.texts("#words dd"), strict=True))
-    assert {"literal", "covered", "event of interest", "Q_eoi"} <= set(listed)
-    assert listed["Q_eoi"] == told["Q_eoi"]
+    assert {"fact", "seen", "critical time", "critical time seen"} <= set(listed)
+    assert listed["critical time seen"] == told["critical time seen"]
     opened.page.keyboard.press("Escape")
     assert not opened.page.locator("#tip").is_visible()
     # The legend has what the rows have as it looks there.
@@ -167,13 +167,13 @@ def run_page(tmp_path, fault: FaultRecord | None, attempts: int = 1) -> tuple[Ru
 
 def test_a_run_begins_with_what_happened_and_opens_there(browser, tmp_path):
     report, path = run_page(tmp_path, FaultRecord("slip", 7.47, 7.47, 7.55, 8.0, 18.15), attempts=2)
-    assert story(report) == "Slip at 7.47 s, seen after 0.08 s, tried again, done at 18.15 s."
+    assert story(report) == "Slip at 7.47 s, noticed after 0.08 s, tried again, done at 18.15 s."
     opened = Opened(browser, path)
     assert opened.texts("#summary") == [story(report)]
     assert opened.js("sqrp.time") == 7.47
     assert opened.texts("#moments [aria-pressed=true]") == ["7.47 s slip happens"]
     assert opened.texts(".row.axis .now")[0] == "lift (a4)"
-    assert not {"Q_eoi", "longest blind stretch"} & set(opened.texts("#words dt"))  # nothing of it is on the page
+    assert not {"critical time seen", "longest time unseen"} & set(opened.texts("#words dt"))  # nothing of it is on the page
     for size in SIZES:
         assert too_wide(resized(opened, size)) == []
         walk(opened.page)
@@ -184,7 +184,7 @@ def test_a_run_begins_with_what_happened_and_opens_there(browser, tmp_path):
     ("fault", "told"),
     [
         (None, "No fault, done at 18.15 s."),
-        (FaultRecord("slip", 7.0, 7.0), "Slip at 7.00 s, never seen, done at 18.15 s."),
+        (FaultRecord("slip", 7.0, 7.0), "Slip at 7.00 s, never noticed, done at 18.15 s."),
         (FaultRecord("slip", 7.0), "Slip injected, but it never came true, done at 18.15 s."),
         (FaultRecord("camera loss", 5.0, None, 5.3, 5.3, camera="cam2"), "Camera loss cam2 seen at 5.30 s, done at"),
     ],

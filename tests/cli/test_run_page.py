@@ -49,13 +49,13 @@ def test_the_page_says_in_words_and_timelines_how_the_run_went(opened):
     # The page says how the run went.
     assert opened.complaints == []
     assert opened.texts("#title") == ["pickup g1 in cell: stopped"]
-    assert opened.texts("#summary") == ["Slip at 2.00 s, seen after 0.15 s, stopped at 4.00 s."]
+    assert opened.texts("#summary") == ["Slip at 2.00 s, noticed after 0.15 s, stopped at 4.00 s."]
     assert opened.js("sqrp.time") == 2.0, "it opens at the event"
     assert opened.texts("#reasons li") == ["hold(g1) should be seen"]
     assert not opened.page.locator(".overview").is_visible()
     told = dict(zip(opened.texts("#figures dt"), opened.texts("#figures dd"), strict=True))
     assert told["predictions that came true"] == "75.0 %"
-    assert told["slip seen after"] == "0.15 s"
+    assert told["slip noticed after"] == "0.15 s"
     # The timeline shows what the images showed.
     labels = opened.js("[...document.querySelectorAll('.run')].map((run) => run.getAttribute('aria-label'))")
     own = [label.removeprefix("hold(g1), ") for label in labels if label.startswith("hold(g1), ")]

@@ -50,7 +50,7 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
     figures, noted = list[FigureShown](), []
     for fault in report.faults:
         if fault.delay is not None:
-            figures.append((f"{report.label_of(fault)} seen after", f"{fault.delay:.2f} s", "seen after"))
+            figures.append((f"{report.label_of(fault)} noticed after", f"{fault.delay:.2f} s", "it was noticed after"))
             if fault.predicted_delay is not None:
                 figures.append(("predicted: within", f"{fault.predicted_delay:.2f} s", "predicted"))
         noted += [t for t in (fault.happened, fault.detected, fault.injected) if t is not None][:1]
@@ -82,7 +82,7 @@ def story(report: RunReport) -> str:
     for fault in report.faults:
         label = report.label_of(fault)
         if fault.happened is not None:
-            seen = "never seen" if fault.delay is None else f"seen after {fault.delay:.2f} s"
+            seen = "never noticed" if fault.delay is None else f"noticed after {fault.delay:.2f} s"
             told.append(f"{label} at {fault.happened:.2f} s, {seen}")
         elif fault.detected is not None:
             told.append(f"{label} seen at {fault.detected:.2f} s")

@@ -96,7 +96,7 @@ class Runs {
     const told = faults.map(({ name, happened, detected, recovered }) => {
       if (happened === null) return `${name} never came true`;
       if (detected === null) return `${name} at ${seconds(happened)} was never seen`;
-      const after = `${name} at ${seconds(happened)}, seen after ${seconds(detected - happened)}`;
+      const after = `${name} at ${seconds(happened)}, noticed after ${seconds(detected - happened)}`;
       return recovered === null ? after : `${after}, done after all at ${seconds(recovered)}`;
     });
     const end = { done: 'the program is done', missed: 'a fault was missed' }[outcome] ?? 'the robot has stopped';

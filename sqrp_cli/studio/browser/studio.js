@@ -9,7 +9,7 @@ const HELP = {
   'place-cameras': 'Look for the best places of all cameras, on the mounts that the workspace states.',
   write: 'Append this candidate to the program file; of a cell with unsaved changes there is no program.',
   run: 'Run the program file in the simulated cell, and watch the images here.',
-  'faults-wanted': 'What goes wrong in the run, and when: slip@a4+0.4 drops the part 0.4 s after action a4 began.',
+  'faults-wanted': 'What goes wrong in the run, and when: slip@lift+0.4 drops the part 0.4 s after the lift began.',
 };
 
 const BEFORE = 'against before it was taken in hand';
@@ -21,7 +21,7 @@ class NarrowTable extends EntryTable {
   }
 
   faults() {
-    return super.faults().filter(({ title }) => title !== 'all done');
+    return super.faults().filter(({ title }) => title !== 'done after a retry');
   }
 }
 
@@ -132,6 +132,7 @@ class Studio extends Page {
     document.body.classList.toggle('old', old);
     document.body.classList.toggle('old-figures', old && !this.sketchShown);
     document.body.classList.toggle('old-time', old ? !this.sketchShown : !this.detailShown);
+    byId('offers').classList.toggle('old', this.offered !== this.state?.number); // found before the cell was changed
     const of = this.entries[this.selected]?.name;
     const doing = this.held
       ? 'What is marked ≈ is of where the hand is; the ranking follows when it rests.'
@@ -447,9 +448,9 @@ class Studio extends Page {
   // was: the figures before it was taken in hand, looked at as coarsely.
   sketched({ q_eoi: qEoi, q_avg: qAvg, blind }, was) {
     const rows = [
-      ['≈ Q_eoi', percent(qEoi), changeOf(qEoi, was.q_eoi, 100, 1, BEFORE)],
-      ['≈ Q_avg', percent(qAvg), changeOf(qAvg, was.q_avg, 100, 1, BEFORE)],
-      ['≈ blind', seconds(blind), null],
+      ['≈ critical time seen', percent(qEoi), changeOf(qEoi, was.q_eoi, 100, 1, BEFORE)],
+      ['≈ time seen', percent(qAvg), changeOf(qAvg, was.q_avg, 100, 1, BEFORE)],
+      ['≈ not all seen for', seconds(blind), null],
     ];
     byId('figures').replaceChildren(
       ...rows.map(([term, value, change]) => make('div', { class: 'coarse' }, make('dt', {}, term), make('dd', {}, value, ...(change ? [change] : [])))),
@@ -488,8 +489,8 @@ class Studio extends Page {
   on_offers({ title, changes, unwritten }) {
     const told = ({ q_eoi: qEoi, q_avg: qAvg, worse }) =>
       [
-        absent(qEoi) ? '' : `Q_eoi ${percent(qEoi)}`,
-        absent(qAvg) ? '' : `Q_avg ${percent(qAvg)}`,
+        absent(qEoi) ? '' : `critical time seen ${percent(qEoi)}`,
+        absent(qAvg) ? '' : `time seen ${percent(qAvg)}`,
         worse.length ? `worse: ${worse.join(', ')}` : '',
       ].filter(Boolean);
     const apply = (i) => this.tell({ do: 'apply', number: i + 1 });
@@ -502,7 +503,8 @@ class Studio extends Page {
         make('button', { type: 'button', onclick: () => apply(i) }, 'Apply'),
       );
     const others = unwritten.map((words) => make('li', { class: 'faint' }, named(words)));
-    const heading = make('p', {}, named(`${title[0].toUpperCase()}${title.slice(1)}`));
+    const heading = make('p', {}, named(title));
+    this.offered = this.state.number;
     byId('offers').replaceChildren(heading, make('ol', {}, ...changes.map(offer), ...others));
   }
 

@@ -33,6 +33,6 @@ const doing = ({ name, does }) => (does && does !== name ? `${does} (${name})` :
 
 // How an entry fares, in words.
 const placeOf = ({ mark, candidate }) =>
-  `${/^\d+$/.test(mark) ? 'rank ' : ''}${mark}${candidate?.pareto ? ', Pareto-optimal' : ''}`;
+  `${/^\d+$/.test(mark) ? 'rank ' : ''}${mark}${candidate?.pareto ? ' ★' : ''}`;
 
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();

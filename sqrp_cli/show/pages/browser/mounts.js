@@ -89,15 +89,15 @@ function showPlacement({ by, cameras, keep, mounts }, look) {
       : [make('caption', {}, 'None: no camera on these mounts would help.')]),
   );
   const terms = [
-    ['Q', 'share of the time in which cameras see all that has to be seen: in events of interest Q_eoi, in all Q_avg'],
-    ['alone', `the ${by} Q of all candidates with this camera only`],
-    ['loss if it fails', `by how much the ${by} Q falls without it`],
+    ['seen', 'share of the time in which cameras see all that must be seen: of the critical time, or of all time'],
+    ['alone', `the ${by} share seen, of all candidates, with this camera only`],
+    ['loss if it fails', `by how much the ${by} share falls without it`],
     ...(keep.length ? [['kept', `${keep.join(', ')}, as in the workspace`]] : []),
   ];
   for (const [term, words] of terms) byId('cameras-words').append(make('dt', {}, term), make('dd', {}, named(words)));
   const shut = mounts.some(({ seen }) => seen === null);
   byId('mounts-words').append(
-    make('span', {}, 'mean Q with one camera only, at a mount: 0 %', make('i', { class: 'ramp' }), '100 %'),
+    make('span', {}, 'seen on average with one camera only, at a mount: 0 %', make('i', { class: 'ramp' }), '100 %'),
     ...(shut ? [make('span', {}, make('i', { class: 'spot nothing' }), 'in the way')] : []),
     make('span', {}, 'point at a ball to read its name'),
   );

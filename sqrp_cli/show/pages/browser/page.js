@@ -150,7 +150,7 @@ class Page {
     return this.details.get(i);
   }
 
-  // Show in the table when each entry is covered.
+  // Show in the table when of each entry all is seen.
   async lanes() {
     for (const [i, { moves }] of this.entries.entries()) {
       if (!moves) continue;
@@ -165,7 +165,7 @@ class Page {
     const faults = byWorst(candidate?.faults ?? {});
     if (candidate) {
       const { q_eoi: qEoi, q_avg: qAvg, time } = candidate;
-      rows.push([term('Q_eoi'), percent(qEoi)], [term('Q_avg'), percent(qAvg)], [term('time'), seconds(time)]);
+      rows.push([term('critical time seen'), percent(qEoi)], [term('time seen'), percent(qAvg)], [term('time'), seconds(time)]);
     }
     byId('figures').replaceChildren(
       ...rows.map(([name, value]) => make('div', {}, make('dt', {}, name), make('dd', {}, value))),
@@ -173,8 +173,8 @@ class Page {
     byId('faults').hidden = !faults.length;
     if (!faults.length) return;
     const again = faults.some(([name]) => retried.includes(name));
-    const heads = [term('fault'), term('seen', 'seen after'), term('at worst'), term('longest blind stretch')];
-    if (again) heads.push(term('all done', 'done after one retry'));
+    const heads = [term('fault'), term('noticed after'), term('at the latest'), term('longest time unseen')];
+    if (again) heads.push(term('done after a retry'));
     const cells = ([name, fault]) => [
       named(name),
       ...[fault.delay_mean, fault.delay_worst, fault.blind_longest].map((t) => seconds(t ?? Infinity)),
@@ -196,7 +196,7 @@ class Page {
           'li',
           { class: worst ? 'worst' : null },
           make('button', { type: 'button', onclick: go, 'aria-label': `Go to step ${name}` }, named(name)),
-          make('span', {}, `Q_eoi ${percent(qEoi)}, Q_avg ${percent(qAvg)}, ${seconds(end - start)}`),
+          make('span', {}, `critical time seen ${percent(qEoi)}, time seen ${percent(qAvg)}, takes ${seconds(end - start)}`),
           ...(worst ? [make('b', {}, 'seen worst')] : []),
           make('span', { class: 'faint' }, named(verdict)),
         );
@@ -286,7 +286,7 @@ function sentence(sample) {
   const parts = Object.entries(sample.literals).map(([literal, state]) =>
     state.kind
       ? `${atomOf(literal)}: ${KINDS[state.kind][2]}`
-      : `${atomOf(literal)} is ${state.covered ? 'covered' : 'not covered'}`,
+      : `${atomOf(literal)} is ${state.covered ? 'seen' : 'not seen'}`,
   );
   return parts.length ? `${[...new Set(parts)].join('; ')}.` : 'No formula requires anything.';
 }

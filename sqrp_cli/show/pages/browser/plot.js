@@ -28,7 +28,7 @@ class ParetoPlot {
     const feasible = entries.map((e, i) => i).filter((i) => candidates[i]?.feasible);
     const shown = (key) => new Set(feasible.map((i) => percent(candidates[i][key])));
     const metric = shown('q_eoi').size > 1 || shown('q_avg').has('–') ? 'q_eoi' : 'q_avg'; // one that tells them apart
-    const label = metric === 'q_eoi' ? 'Q_eoi' : 'Q_avg';
+    const label = metric === 'q_eoi' ? 'critical time seen' : 'time seen';
     this.dots = new Map();
     byId('against-time').hidden = !compared || feasible.length < 2;
     if (byId('against-time').hidden) return;
@@ -41,7 +41,7 @@ class ParetoPlot {
     const chart = svg('svg', {
       viewBox: '0 0 400 236',
       role: 'group',
-      'aria-label': `${label} against time, a dot per candidate, a star if Pareto-optimal; arrow keys move, Enter chooses`,
+      'aria-label': `${label} against time, a dot per candidate, a star if no other is better in everything; arrow keys move, Enter chooses`,
     });
     for (let q = 0; q <= 1; q += 0.25) {
       chart.append(
@@ -101,8 +101,8 @@ class ParetoPlot {
       this.dots.set(i, dot);
       if (!crowded || c.pareto) this.name(chart, names[i], cx, cy, taken, box);
     }
-    const words = `Up: more is seen. Left: faster. ${front.length ? '★: ' : ''}`;
-    const optimal = front.length ? [term('Pareto-optimal'), '.'] : [];
+    const words = `Up: more is seen. Left: faster. `;
+    const optimal = front.length ? [term('★'), ': no other is better in both.'] : [];
     byId('plot').append(chart, make('p', { class: 'faint' }, words, ...optimal));
     this.byTime = [...feasible].sort((a, b) => candidates[a].time - candidates[b].time);
     this.dots.get(this.byTime[0]).setAttribute('tabindex', '0');

@@ -7,7 +7,7 @@ const byWorst = (faults) =>
 const MOST_LABELS = 4; // that have a column each; those of more share one
 
 class EntryTable {
-  // lanes: whether a column shows when each entry is covered, once its motion is there.
+  // lanes: whether a column shows when of each entry all is seen, once its motion is there.
   constructor(entries, select, lanes) {
     this.entries = entries;
     this.lanes = entries.map(() => make('div', { class: 'lane brief' }));
@@ -56,14 +56,14 @@ class EntryTable {
   }
 
   figures(lanes) {
-    const quality = (title) => {
-      const value = (e) => e.candidate?.[title.toLowerCase()];
+    const quality = (title, key) => {
+      const value = (e) => e.candidate?.[key];
       return { title, value, cell: (e) => changed(this.quality(value(e)), e, value, 100, 1), most: true, means: title };
     };
-    const covered = { title: 'covered over time', value: (e) => e.candidate?.q_avg, cell: (e, i) => this.lanes[i] };
+    const covered = { title: 'seen over time', value: (e) => e.candidate?.q_avg, cell: (e, i) => this.lanes[i] };
     return [
-      quality('Q_eoi'),
-      quality('Q_avg'),
+      quality('critical time seen', 'q_eoi'),
+      quality('time seen', 'q_avg'),
       this.timed('time [s]', (e) => e.candidate?.time, 'time'),
       ...(lanes ? [covered] : []),
     ];
@@ -83,7 +83,7 @@ class EntryTable {
       return times.length ? Math.max(...times) : null;
     };
     const only = names.length === 1;
-    const worst = this.timed('at worst', longest('delay_worst'), 'at worst');
+    const worst = this.timed('at the latest', longest('delay_worst'), 'at the latest');
     const who = {
       title: 'worst fault',
       value: (e) => of(e)[0]?.[0] ?? null,
@@ -92,9 +92,9 @@ class EntryTable {
     };
     return [
       ...(only ? [] : [who]),
-      this.timed(only ? `${names[0]} seen [s]` : 'seen [s]', longest('delay_mean'), 'seen'),
+      this.timed(only ? `${names[0]} noticed after [s]` : 'noticed after [s]', longest('delay_mean'), 'noticed after'),
       worst,
-      ...(this.entries.some((e) => done(e) !== null) ? [this.timed('all done', done, 'all done', 1)] : []),
+      ...(this.entries.some((e) => done(e) !== null) ? [this.timed('done after a retry', done, 'done after a retry', 1)] : []),
     ];
   }
 
@@ -119,7 +119,7 @@ class EntryTable {
     return cells;
   }
 
-  // Show when an entry is covered.
+  // Show when of an entry all is seen.
   fill(i, motion) {
     const runs = motion.runs(({ covered }) => {
       const kind = covered ? 'covered' : 'missed';
@@ -136,10 +136,10 @@ class EntryTable {
   }
 
   mark(e) {
-    if (e.candidate?.pareto) explained.add('Pareto-optimal');
-    const star = () => make('span', { class: 'star', role: 'img', 'aria-label': ' Pareto-optimal' }, ' ★');
+    if (e.candidate?.pareto) explained.add('★');
+    const star = () => make('span', { class: 'star', role: 'img', 'aria-label': ' no other row is better in everything' }, ' ★');
     const cell = make('span', { class: `mark ${e.mark}` }, e.mark, e.candidate?.pareto ? star() : '');
-    if (e.candidate?.pareto) attachTip(cell, () => `★ Pareto-optimal: ${TERMS['Pareto-optimal']}`);
+    if (e.candidate?.pareto) attachTip(cell, () => `★ ${TERMS['★']}`);
     return cell;
   }
 

@@ -1,4 +1,4 @@
-// Coverage over time: a row per literal and camera, a run per cause, and beside it how it is now. One stop of the tab
+// What is seen over time: a row per literal and camera, a run per cause, and beside it how it is now. One stop of the tab
 // key; arrows move.
 
 class Timeline {
@@ -6,14 +6,14 @@ class Timeline {
   constructor(motion, cameras, seek, look) {
     Object.assign(this, { motion, seek, look, kinds: new Set(), saying: [] });
     const detail = motion.detail;
-    explained.add('literal').add('covered');
+    explained.add('fact').add('seen');
     const rows = [...this.axes(detail), this.state()];
     for (const atom of motion.atoms) {
       rows.push(this.literal(atom));
       if (motion.samples.some((sample) => truthOf(found(sample, atom) ?? {}))) rows.push(this.truth(atom));
       for (const camera of cameras) rows.push(this.camera(atom, camera));
     }
-    const label = 'Coverage over time; arrow keys move, Enter goes there';
+    const label = 'What is seen over time; arrow keys move, Enter goes there';
     this.grid = make('div', { role: 'grid', 'aria-label': label, 'aria-readonly': 'true' }, ...rows);
     this.cursor = make('i', {});
     byId('timeline').replaceChildren(this.grid, make('div', { id: 'cursor' }, this.cursor));
@@ -39,9 +39,9 @@ class Timeline {
     const interest = merged(formulas.filter((formula) => formula.operator === 'eventually'));
     if (interest.length) {
       this.kinds.add('interest');
-      const text = (s) => `event of interest: ${seconds(s.start)} to ${seconds(s.end)}`;
+      const text = (s) => `critical time: ${seconds(s.start)} to ${seconds(s.end)}`;
       const shown = interest.map((s) => this.span('interest', s, '', text(s)));
-      yield this.axis(term('event of interest', 'event of interest', false), interest, shown, () => 'yes');
+      yield this.axis(term('critical time', 'critical time', false), interest, shown, () => 'yes');
     }
     for (const { label, spans } of marks) {
       const shown = spans.map((one) => {
@@ -60,11 +60,11 @@ class Timeline {
   // Whether all that has to be seen is seen.
   state() {
     const look = (sample) => (sample.covered === null ? null : this.told(stateOf(sample)));
-    const label = term('all literals', 'all literals', false);
+    const label = term('all that must be seen', 'all that must be seen', false);
     return this.row(
       label,
       'literal',
-      this.runs('all literals', look),
+      this.runs('all that must be seen', look),
       this.share((sample) => sample.covered),
       look,
     );

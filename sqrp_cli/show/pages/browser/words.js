@@ -3,24 +3,23 @@
 const TERMS = {
   candidate: 'One way to bind the task: which objects, and which values of the motion that a person chooses.',
   way: 'How the robot does it: how the arm is bent, from which side, how far the tool is turned.',
-  Q_eoi: 'Share of the time of the events of interest in which the cameras see all that must be seen then.',
-  Q_avg: 'Share of all the time in which something must be seen, and the cameras see all of it.',
+  'critical time': 'When a fault may happen that the skill looks for, such as while a part is lifted.',
+  'critical time seen': 'Share of the critical time in which the cameras see all that must be seen then.',
+  'time seen': 'Share of all the time in which something must be seen, and the cameras see all of it.',
   time: 'How long the motion of the robot takes.',
-  'Pareto-optimal': 'No other candidate is as good in Q_eoi, Q_avg and time, and better in one of them.',
-  literal:
-    'Something that is so or is not, such as hold(g2): the tool holds g2. Cameras tell it by the boxes around the thing.',
-  covered: 'Enough cameras see all boxes of the literal: inside the image, near and large enough, not hidden.',
-  'all literals': 'Whether the cameras see every literal that a formula of the skill asks for at that time.',
-  'event of interest': 'When a fault may happen that the skill looks for: the interval of its “eventually” formula.',
-  fault: 'What may go wrong, as the skill says it. The worst is the one that may be seen latest.',
-  seen: 'How long after a fault an image shows it, on average over all times at which it may happen. Of several faults: the longest.',
-  'at worst':
-    'The longest that it may take until an image shows the fault. Where all is covered, too: a lost part has to be clear of the tool before an image tells.',
-  'longest blind stretch': 'The longest time within the event of interest in which the cameras do not see all of it.',
-  'all done': 'When the task is done if the fault happens: seen, stopped, moved back and done once more; on average.',
+  '★': 'No other row is better in everything: in the critical time seen, the time seen and the time.',
+  fact: 'Something that is so or is not, such as hold(g2): the tool holds g2. Cameras tell it by the boxes around the thing.',
+  seen: 'Enough cameras see all boxes of the fact: inside the image, near and large enough, not hidden.',
+  'all that must be seen': 'Whether the cameras see every fact that the skill asks for at that time.',
+  fault: 'What may go wrong, as the skill says it. The worst is the one that may be noticed latest.',
+  'noticed after': 'How long after a fault an image shows it, on average over all times at which it may happen. Of several faults: the longest.',
+  'at the latest':
+    'The longest that it may take until an image shows the fault. Where all is seen, too: a lost part has to be clear of the tool before an image tells.',
+  'longest time unseen': 'The longest time within the critical time in which the cameras do not see all that must be seen.',
+  'done after a retry': 'When the task is done if the fault happens: noticed, stopped, moved back and done once more; on average.',
   'in truth': 'What was so in the simulation. The monitors do not know it: they judge by images alone.',
-  'predictions that came true': 'Of the images that the program says show a literal, the share that did.',
-  'seen after': 'From when the fault happened until an image showed it.',
+  'predictions that came true': 'Of the images that the program says show a fact, the share that did.',
+  'it was noticed after': 'From when the fault happened until an image showed it.',
   predicted: 'The most that the program says it takes.',
 };
 
@@ -49,7 +48,7 @@ function attachTip(element, text) {
     tip.hidden = !words;
     const size = tip.getBoundingClientRect();
     tip.style.left = `${Math.max(4, Math.min(x + 12, innerWidth - size.width - 8))}px`;
-    tip.style.top = `${y + size.height + 24 > innerHeight ? y - size.height - 10 : y + 16}px`;
+    tip.style.top = `${y > size.height + 14 ? y - size.height - 10 : y + 16}px`; // above: the answer stands below a word
   };
   const hide = () => {
     tip.hidden = true;
@@ -59,7 +58,7 @@ function attachTip(element, text) {
   element.addEventListener('pointerleave', hide);
   element.addEventListener('focus', () => {
     const place = element.getBoundingClientRect();
-    show(place.left + place.width / 2, place.bottom - 10);
+    show(place.left + place.width / 2, place.top);
     element.setAttribute('aria-describedby', 'tip');
   });
   element.addEventListener('blur', hide);
@@ -68,13 +67,13 @@ function attachTip(element, text) {
 
 // Kinds of verdicts, predicted or of images: style, sign within a run, words for legend and tips.
 const KINDS = {
-  covered: ['covered', '', 'covered'],
-  missed: ['missed', '–', 'not covered'],
+  covered: ['covered', '', 'seen'],
+  missed: ['missed', '–', 'not seen'],
   hidden: ['hidden', 'h', 'hidden'],
   same_colour: ['same', 'c', 'same colour behind'],
   too_dark: ['same', 'd', 'too dark'],
   too_bright: ['same', 'b', 'too bright'],
-  out_of_image: ['out', 'o', 'out of image'],
+  out_of_image: ['out', 'o', 'outside its image'],
   too_far: ['range', 'f', 'too far'],
   behind: ['range', 'l', 'behind the camera'],
   too_near: ['range', 'n', 'too near'],
@@ -90,9 +89,9 @@ const KINDS = {
   nothing: ['nothing', '', 'does not show it'],
   truly_true: ['covered', 't', 'true'],
   truly_false: ['out', 'f', 'false'],
-  interest: ['interest', '', 'event of interest'],
-  unnoticed: ['missed', '', 'fault not seen yet'],
-  handled: ['range', '', 'fault seen, robot responds'],
+  interest: ['interest', '', 'critical time'],
+  unnoticed: ['missed', '', 'fault not noticed yet'],
+  handled: ['range', '', 'fault noticed, robot responds'],
 };
 
 const kindOf = (verdict) => verdict.kind ?? (verdict.covered ? 'covered' : verdict.cause || 'missed');
@@ -108,13 +107,15 @@ function because(verdict) {
   return verdict.box ? `box ${verdict.box} is ${reason}` : reason;
 }
 
+const EDGES = { left: 'left of', right: 'right of', top: 'above', bottom: 'below' };
+
 function reasonOf(verdict) {
   const words = KINDS[kindOf(verdict)][2];
-  if (verdict.cause === 'hidden') return `hidden by ${verdict.by}`;
+  if (verdict.cause === 'hidden') return `behind ${verdict.by}`;
   if (verdict.cause === 'same_colour') return `same colour as ${verdict.by} behind it`;
   if (verdict.cause === 'too_dark' && verdict.by) return `${words} in the shadow of ${verdict.by}`;
   if (verdict.cause === 'too_bright') return `${words} in the light of ${verdict.by}`;
-  return verdict.cause === 'out_of_image' ? `${words} (${verdict.by})` : words;
+  return verdict.cause === 'out_of_image' ? `${EDGES[verdict.by] ?? 'outside'} its image` : words;
 }
 
 // How much of the box that a camera does not see is hidden, and what each part hides; nothing where it is not hidden.
