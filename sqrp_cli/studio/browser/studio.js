@@ -506,6 +506,7 @@ class Studio extends Page {
     const heading = make('p', {}, named(title));
     this.offered = this.state.number;
     byId('offers').replaceChildren(heading, make('ol', {}, ...changes.map(offer), ...others));
+    this.age();
   }
 
   on_written({ file }) {
