@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -191,6 +192,7 @@ def test_a_sweep_goes_to_the_step_in_which_something_can_slip(sqrp, two_steps, m
 
     injected: list[InjectedFault] = []
     monkeypatch.setattr(Simulation, "run", run)
+    monkeypatch.setattr(Simulation, "cell", nullcontext)  # in which nothing runs
     _, second = yaml.safe_load(two_steps.program.read_text(encoding="utf-8"))["steps"]
     found = sqrp("run", two_steps.program, "--sim", "--sweep", "slip@a4", "--n", 1, "--json").document
     (middle,) = ((one["start"] + one["end"]) / 2 for one in second["primitives"] if one["name"] == "a4")
@@ -210,6 +212,7 @@ def test_ctrl_c_in_a_sweep_keeps_the_slips_that_are_finished(sqrp, cell, monkeyp
         return RunReport(faults=[FaultRecord("slip", t, t, t + 0.1, None, 14.0, 0.2)])
 
     monkeypatch.setattr(Simulation, "run", run)
+    monkeypatch.setattr(Simulation, "cell", nullcontext)
     done: list[float] = []
     arguments = ("run", cell.program, "--sim", "--sweep", "slip@a4", "--n", 3)
     found = sqrp(*arguments)

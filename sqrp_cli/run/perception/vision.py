@@ -147,9 +147,15 @@ def largest_blob(mask: Mask) -> tuple[int, Array] | None:
 
     Of equal ones it is that furthest to the left, then up.
     """
-    _, _, stats, centers = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    found = zip(stats[1:, cv2.CC_STAT_AREA].tolist(), centers[1:], strict=True)
-    return min(found, key=lambda blob: (-blob[0], *blob[1].tolist()), default=None)
+    patches = mask.astype(np.uint8)
+    left, top, width, height = cv2.boundingRect(patches)  # around all of them: hardly any of the image
+    patches = patches[top : top + height, left : left + width]
+    if not patches.size:
+        return None
+    _, _, stats, centers = cv2.connectedComponentsWithStats(patches, connectivity=8)
+    areas = stats[1:, cv2.CC_STAT_AREA, None]
+    centers = (np.rint(centers[1:] * areas) + areas * (left, top)) / areas  # as of the whole: sums of whole numbers
+    return min(zip(areas[:, 0].tolist(), centers, strict=True), key=lambda blob: (-blob[0], *blob[1].tolist()))
 
 
 def find_markers(image: ImageArray, dictionary: str = ORIGINAL, beside: Mask | None = None) -> list[FoundMarker]:
