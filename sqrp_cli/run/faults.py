@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Literal, TypeAlias, cast
 
@@ -31,10 +32,10 @@ FaultKind = Literal[
 Form: TypeAlias = tuple[str, re.Pattern[str], str]
 """How a kind of fault is written: examples, for messages; what follows the name of the kind; and that in words."""
 _AT, _BY = re.compile(r":(?P<camera>[^@=]+)@(?P<time>.+)"), re.compile(r":(?P<camera>[^@=]+)=(?P<delay>.+)")
-_SLIP = r"@(?:(?P<primitive>[A-Za-z_]\w*)(?:\+(?P<offset>.+)|(?P<random>:random))?|(?P<time>[.\d].*))"
+_SLIP = r"@(?:(?P<primitive>[A-Za-z_][\w -]*)(?:\+(?P<offset>.+)|(?P<random>:random))?|(?P<time>[.\d].*))"
 _JOINTS_AT, _JOINTS_BY = re.compile(r"@(?P<time>.*)", re.DOTALL), re.compile(r"=(?P<delay>.*)", re.DOTALL)
 _KINDS: tuple[tuple[FaultKind, str, re.Pattern[str], str], ...] = (
-    ("slip", "slip@a4+0.4, slip@a4:random or slip@7.2", re.compile(_SLIP), "when it slips"),
+    ("slip", "slip@lift+0.4, slip@a4:random or slip@7.2", re.compile(_SLIP), "when it slips"),
     ("miss-pick", "miss-pick", re.compile(""), "just `miss-pick`"),
     ("camera-loss", "camera-loss:cam2@5.0", _AT, "the camera and when it happens"),
     ("frozen", "frozen:cam1@3", _AT, "the camera and when it happens"),
@@ -83,6 +84,13 @@ class _FaultText:
         """Of a fault of one step only, for each."""
         self.holding = [[one.name for one in step.primitives if one.held or one.action == "Grasp"] for step in steps]
         """Names of the primitives of each step in which the tool grasps or holds something."""
+        self.called = [
+            {one.name: (one.does or one.name).replace(" ", "-") for one in step.primitives} for step in steps
+        ]
+        """What each primitive does as a fault says it, by its name; the name where another of the step does the same."""
+        for called in self.called:
+            often = Counter(called.values())
+            called.update({name: name for name, words in called.items() if often[words] > 1})
         found = _STEP.fullmatch(text)
         self.bare = text if found is None else found["bare"]
         """The text without the number of a step."""
@@ -111,19 +119,30 @@ class _FaultText:
     ) -> tuple[int, ProgramPrimitive]:
         """The first primitive of a name in which something can slip at an offset [s], else the nearest to that.
 
-        With the number of its step. Raises InputError where the tool holds nothing in it, and where none has the name:
-        with the message, and with another step to write if one has such a primitive, else with `mend`.
+        name: also what it does, such as `go-home`. With the number of its step. Raises InputError where the tool holds
+        nothing in it, where none has the name, and where several of a step do that: with the message, and with another
+        step to write if one has such a primitive, else with `mend`.
         """
-        found = [(n, one) for n, step in enumerate(self.steps, 1) for one in step.primitives if one.name == name]
+        words, every = (
+            name.replace("-", " "),
+            [(n, one) for n, step in enumerate(self.steps, 1) for one in step.primitives],
+        )
+        found = [(n, one) for n, one in every if name == one.name] or [
+            (n, one) for n, one in every if words == one.does
+        ]
         here = [(number, one) for number, one in found if number in self.numbers]
         if not here:
             another = f"write {self.prefixes[found[0][0] - 1]}{self.bare}" if found else mend
-            known = {one.name for number in self.numbers for one in self.steps[number - 1].primitives}
+            known = dict.fromkeys(word for number in self.numbers for word in self.called[number - 1].values())
             raise self.refused(f"{message}; {expected_names(name, known)}", another)
-        able = [(number, one) for number, one in here if name in self.holding[number - 1]]
+        alike = [one.name for number, one in here if number == here[0][0]]
+        if len(alike) > 1:
+            several = f"`{name}` may mean {' or '.join(f'`{one}`' for one in alike)}, which both do that"
+            raise self.refused(several, f"write {self.bare.replace(name, alike[-1])}")
+        able = [(number, one) for number, one in here if one.name in self.holding[number - 1]]
         long = [(number, one) for number, one in able if one.start + offset <= one.end]
         chosen = (long or able or here)[0]
-        self.check_can_slip(chosen[0], [name])
+        self.check_can_slip(chosen[0], [chosen[1].name])
         return chosen
 
     def slip_instead(self, numbers: Iterable[int] | None = None) -> str:
@@ -132,7 +151,11 @@ class _FaultText:
         A sweep takes slips alone, so where none can happen another option makes a camera fail.
         """
         numbers = range(1, len(self.steps) + 1) if numbers is None else numbers
-        able = [f"write {self.prefixes[n - 1]}slip@{name}" for n in numbers for name in self.holding[n - 1]]
+        able = [
+            f"write {self.prefixes[n - 1]}slip@{self.called[n - 1][name]}"
+            for n in numbers
+            for name in self.holding[n - 1]
+        ]
         return able[0] if able else "let a camera fail instead: --fault camera-loss:CAMERA@1.0"
 
     def check_can_slip(self, number: int, during: Sequence[str]) -> None:
@@ -140,14 +163,17 @@ class _FaultText:
 
         during: names of primitives, at least one.
         """
-        names, holding = [one.name for one in self.steps[number - 1].primitives], self.holding[number - 1]
+        called, holding = self.called[number - 1], self.holding[number - 1]
+        names = list(called)
         if set(during) & set(holding):
             return
         meant = names.index(during[0])
         closest = min(holding, key=lambda name: abs(names.index(name) - meant), default=None)
-        expected = f"expected one of {', '.join(f'`{name}`' for name in holding)}" if holding else "nor in any other"
-        where = f"`{during[0]}`" + (f" of {self.labels[number - 1]}" if len(self.steps) > 1 else "")
-        mend = self.slip_instead() if closest is None else f"write {self.prefixes[number - 1]}slip@{closest}"
+        expected = (
+            f"expected one of {', '.join(f'`{called[one]}`' for one in holding)}" if holding else "nor in any other"
+        )
+        where = f"`{called[during[0]]}`" + (f" of {self.labels[number - 1]}" if len(self.steps) > 1 else "")
+        mend = self.slip_instead() if closest is None else f"write {self.prefixes[number - 1]}slip@{called[closest]}"
         raise self.refused(f"the tool grasps or holds nothing in {where}, {expected}", mend)
 
     def time(self, words: str) -> float:
@@ -167,7 +193,7 @@ def parse_fault(
     *,
     served: bool = False,
 ) -> InjectedFault:
-    """A fault such as `slip@a4+0.4`, or `2:slip@a4+0.4` in the second step. Raises InputError with what was expected.
+    """A fault such as `slip@lift+0.4`, or `2:slip@a4+0.4` in the second step. Raises InputError with what was expected.
 
     text: with times in seconds or with a unit, from the start of the step. steps: of the program; without a number the
     first is meant, or the first in which it can happen if the text names a primitive or a grasp. rng: of random
@@ -194,7 +220,7 @@ def parse_fault(
         return InjectedFault("slip", text, t, step=number)
     if kind == "slip":
         name, offset = found["primitive"], written.time(found["offset"] or "0")
-        number, primitive = written.meant(name, f"{written.owner} has no primitive `{name}`", offset=offset)
+        number, primitive = written.meant(name, f"{written.owner} has no piece of motion `{name}`", offset=offset)
         t = primitive.start + offset
         if found["random"]:
             t = float(rng.uniform(primitive.start, primitive.end))
@@ -208,7 +234,7 @@ def parse_fault(
         if not able:
             owner = "this program" if len(written.numbers) == len(steps) else written.labels[number - 1]
             first = f"write {written.prefixes[grasping[0] - 1]}miss-pick" if grasping else written.slip_instead()
-            raise refused(f"no primitive of {owner} grasps", first)
+            raise refused(f"no piece of motion of {owner} grasps", first)
         return InjectedFault("miss-pick", text, step=able[0])
     figures = found.groupdict()
     camera: str | None = figures.get("camera")
@@ -228,8 +254,8 @@ def parse_sweep(text: str, steps: Sequence[Step], option: str = "--sweep") -> tu
     kind, _, name = written.bare.partition("@")
     instead = written.slip_instead(written.numbers)
     if kind != "slip":
-        raise written.refused("expected `slip@` and a primitive of the program", instead)
-    return written.meant(name, f"expected `slip@` and a primitive of {written.owner}", instead)
+        raise written.refused("expected `slip@` and a piece of motion of the program", instead)
+    return written.meant(name, f"expected `slip@` and a piece of motion of {written.owner}", instead)
 
 
 class FaultTracker:

@@ -56,30 +56,32 @@ def first_answer(first: CandidateResult) -> str:
 
 def what_it_means(found: CandidateResult) -> str:
     """How soon the worst fault of a candidate is noticed, and how long it takes; without faults, what is seen."""
-    noticed = "nothing has to be seen"
-    if (fault := worst_fault(found)) is not None:
-        cost = found.faults[fault]
-        after = "" if cost.delay_mean is None else f"you know after {cost.delay_mean:.2f} s"
-        latest = "" if cost.delay_worst is None else f", at the latest after {cost.delay_worst:.2f} s"
-        never = f"{after and ', but '}{'never' if after else 'you never know'}" if cost.unseen else ""
-        share = f" in {100 * cost.unseen:.3g} % of cases" if 0.0 < cost.unseen < 1.0 else ""
-        noticed = f"if {found.happens.get(fault, f'`{fault}` happens')}, {after}{latest}{never}{share}"
-        noticed += "; of other faults you know sooner" if len(found.faults) > 1 and not cost.unseen else ""
-    elif found.q_avg is not None:
-        noticed = f"the cameras see what they must for {100 * found.q_avg:.1f} % of the time"
-    retried = None if fault is None or fault not in found.retried else found.faults[fault].expected_time
-    again = "" if retried is None else f", and {retried:.1f} s when it has to be done again"
-    return f"{noticed}; it takes {found.time:.1f} s{again}."
-
-
-def worst_fault(found: CandidateResult) -> str | None:
-    """The name of the fault that is noticed last, or never; None without faults."""
+    said, again = "nothing has to be seen", ""
     worst = found.faults
-    return max(worst, key=lambda name: (worst[name].unseen, worst[name].delay_worst or 0.0), default=None)
+    if worst:
+        fault = max(worst, key=lambda name: (worst[name].unseen, worst[name].delay_worst or 0.0))
+        said = noticed(found, fault)
+        said += "; of other faults you know sooner" if len(worst) > 1 and not worst[fault].unseen else ""
+        if fault in found.retried and (done := worst[fault].expected_time) is not None:
+            again = f", and {done:.1f} s when it has to be done again"
+    elif found.q_avg is not None:
+        said = f"the cameras see what they must for {100 * found.q_avg:.1f} % of the time"
+    return f"{said}; it takes {found.time:.1f} s{again}."
+
+
+def noticed(found: CandidateResult, fault: str) -> str:
+    """How soon a fault is noticed: `if it slips, you know after 0.13 s, at the latest after 0.52 s`."""
+    cost, said = found.faults[fault], f"if {found.happens.get(fault, f'`{fault}` happens')}, "
+    if cost.unseen:
+        share = f" in {100 * cost.unseen:.3g} % of cases" if cost.unseen < 1.0 else ""
+        return f"{said}you never know{share}" + (
+            "" if cost.delay_mean is None else f", else after {cost.delay_mean:.2f} s"
+        )
+    return f"{said}you know after {cost.delay_mean or 0.0:.2f} s, at the latest after {cost.delay_worst or 0.0:.2f} s"
 
 
 def never_noticed(candidates: Sequence[CandidateResult]) -> list[str]:
-    """A sentence for each fault that may never be noticed: `Never noticed: no camera sees that g3 slips`."""
+    """A sentence for each fault that may never be noticed: `Never noticed: no camera sees that it slips (g3)`."""
     found: list[str] = []
     for fault in candidates[0].faults if candidates else ():
         lost = [one for one in candidates if one.faults[fault].unseen > 0]
@@ -87,9 +89,10 @@ def never_noticed(candidates: Sequence[CandidateResult]) -> list[str]:
             worst = max(lost, key=lambda one: one.faults[fault].unseen)
             share, said = worst.faults[fault].unseen, worst.happens.get(fault, f"`{fault}` happens")
             often = f" in {100 * share:.3g} % of cases" if share < 1.0 else ""
-            what = f"{worst.name} {said[3:]}" if said.startswith("it ") else f"{said} with {worst.name}"
-            more = f" (nor with {len(lost) - 1} more)" if len(lost) > 1 else ""
-            found.append(f"Never noticed{often}: no camera sees that {what}{more}.")
+            whose = (
+                f" ({worst.name}{f' and {len(lost) - 1} more' if len(lost) > 1 else ''})" if len(candidates) > 1 else ""
+            )
+            found.append(f"Never noticed{often}: no camera sees that {said}{whose}.")
     return found
 
 

@@ -16,9 +16,9 @@ from tests.cells import read_cases, refused
 
 
 def program_step(short_task: str, faults: list[str | None], primitives: list[list]) -> SimpleNamespace:
-    """A step of primitives: name, action, what is held in it, start and end [s]."""
-    keys = ("name", "action", "held", "start", "end")
-    known = [SimpleNamespace(**dict(zip(keys, one, strict=True))) for one in primitives]
+    """A step of primitives: name, action, what is held in it, start and end [s], and in some what it does."""
+    keys = ("name", "action", "held", "start", "end", "does")
+    known = [SimpleNamespace(**{"does": None, **dict(zip(keys, one, strict=False))}) for one in primitives]
     formulas = [SimpleNamespace(fault=fault) for fault in faults]
     return SimpleNamespace(primitives=known, formulas=formulas, short_task=short_task)
 
@@ -64,7 +64,7 @@ def test_a_bad_fault_is_refused_with_what_was_expected(text: str, said: str) -> 
     found, kind = refused(parse, text), text.split("@")[0].split(":")[0]
     assert found.message.startswith(f"--fault {text}: ")
     assert said in f"{found.message}; {found.mend}"
-    assert (kind and kind in found.mend) or "give one of: slip@a4+0.4" in found.mend
+    assert (kind and kind in found.mend) or "give one of: slip@lift+0.4" in found.mend
 
 
 @pytest.mark.parametrize(("text", "steps", "step", "t"), CASES["chosen"])
@@ -88,9 +88,19 @@ def test_messages_name_the_step_that_they_are_about(option: str, text: str, said
 
 
 def test_where_nothing_grasps_something_else_can_happen() -> None:
-    message = "--fault miss-pick: no primitive of this program grasps"
+    message = "--fault miss-pick: no piece of motion of this program grasps"
     found = refused(parse, "miss-pick", PLACE)
     assert (found.message, found.mend) == (message, "write slip@a1")
+
+
+def test_of_pieces_of_motion_that_do_the_same_the_name_is_asked_for() -> None:
+    found = refused(parse, "slip@go-on+0.2", STEPS["WORDS"])
+    assert "`go-on` may mean `a6` or `a7`, which both do that" in found.message
+    assert found.mend == "write slip@a7+0.2"
+    assert (
+        "expected one of `grasp`, `lift`, `go-home`, `a6`, `a7`"
+        in refused(parse, "slip@go-down", STEPS["WORDS"]).message
+    )
 
 
 ATTEMPT = SimpleNamespace(step=SimpleNamespace(formulas=()), undisturbed=True)

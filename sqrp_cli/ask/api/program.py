@@ -207,7 +207,7 @@ class OpenProgram:
 
         from sqrp_cli.run.faults import parse_fault
 
-        values.texts("texts such as ['slip@a4+0.4']").read(faults, option)
+        values.texts("texts such as ['slip@lift+0.4']").read(faults, option)
         rng, steps, cameras = np.random.default_rng(self.seed), self.program.steps, self.workspace.cameras
         return [parse_fault(text, steps, cameras, rng, option, served=served) for text in faults]
 
@@ -303,13 +303,13 @@ class OpenProgram:
     ) -> SweepDocument:
         """Run the program `count` times with a slip at other instants of a primitive action.
 
-        slip: as `sqrp run --sweep` takes it, such as `slip@a4`; option: what gives it, for messages. At Ctrl-C the
+        slip: as `sqrp run --sweep` takes it, such as `slip@lift`; option: what gives it, for messages. At Ctrl-C the
         result has the runs that are finished.
         """
         from sqrp_cli.run.faults import parse_sweep
         from sqrp_cli.run.record.report import SweepDocument, SweptRun
 
-        values.text("a slip and where, such as `slip@a4`").read(slip, option)
+        values.text("a slip and where, such as `slip@lift`").read(slip, option)
         values.count(1).read(count, "count")
         values.progress.read(progress, "progress")
         simulation = self._simulation()

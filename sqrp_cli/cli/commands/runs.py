@@ -59,7 +59,7 @@ def _run(
     slip: str | None = option(
         "--sweep [STEP:]slip@PRIMITIVE",
         "Many runs, with a slip at other instants.",
-        values.text("a slip and where, such as `slip@a4`"),
+        values.text("a slip and where, such as `slip@lift`"),
     ),
     count: int | None = option("--n", "Runs of a sweep; 20 by default.", values.count(1)),
     replayed: Path | None = option(
@@ -263,7 +263,7 @@ def _cell(
         "--fault FAULT",
         "Let this happen, at times from the program's first motion: as in `run --sim`, and joints-loss@5, "
         "joints-frozen@5, joints-latency=0.5; repeatable.",
-        values.texts("faults such as `slip@a4+0.4`"),
+        values.texts("faults such as `slip@lift+0.4`"),
         default=(),
     ),
     domain: int | None = option("--domain", "Of ROS 2; by default a free one.", values.count(0, 232)),

@@ -27,6 +27,7 @@ from sqrp_cli.show.documents.explanation import (
     Verdict,
 )
 from sqrp_cli.sight.limits import Cause
+from sqrp_cli.skill.target_box import fact_words
 from sqrp_cli.study.analysis import Analysis
 from sqrp_cli.study.blind_spans import by_name, cause_totals
 from sqrp_cli.study.in_the_way import HiddenViews, hidden_views, in_the_way, to_move
@@ -51,6 +52,7 @@ def analysis_shown(
     boxes = {
         target.atom: TargetBoxes(
             k=target.cameras,
+            says=fact_words(str(target.atom), target.boxes, cell.workspace.objects),
             boxes=[
                 from_fields(ExplainedBox, box, min_visible=box.limits.min_visible, pose=box.X_FB.tolist())
                 for box in target.boxes

@@ -108,6 +108,8 @@ class TargetBoxes(Record):
 
     k: int
     """Cameras that must each see all boxes."""
+    says: str
+    """What the literal says without `not`, in words, such as `the tool holds g1`."""
     boxes: list[ExplainedBox]
     """Where to look; all of them decide the literal together."""
 

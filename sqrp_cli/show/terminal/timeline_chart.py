@@ -1,15 +1,17 @@
-"""The coverage of a candidate as rows of signs over time, one per literal and camera."""
+"""What the cameras see of a candidate, as rows of signs over time, one per literal and camera."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 
-from sqrp_cli.figures import FIGURE_NAMES, shown_figure
+from sqrp_cli.figures import FIGURE_NAMES, named_figures, shown_figure
+from sqrp_cli.show import sentences
 from sqrp_cli.show.documents.explanation import ExplainedAll, ExplainedCandidate, Explanation, Sample
-from sqrp_cli.show.sentences import accuracy, part_shares_in_words, what_to_move
 from sqrp_cli.show.terminal.console import (
     Column,
     Styled,
@@ -21,7 +23,8 @@ from sqrp_cli.show.terminal.console import (
     styled,
     unbroken,
 )
-from sqrp_cli.study.result import CandidateResult
+from sqrp_cli.show.terminal.progress_lines import Verbosity, verbosity
+from sqrp_cli.study.result import CandidateResult, SamplingDone
 
 MOST_SIGNS = 50  # signs in a row if the terminal is wide enough; each stands for an equal share of the motion's time
 LEAST_SIGNS = 10  # least number of signs in a row, even in a narrow terminal
@@ -29,84 +32,114 @@ FIGURES_WIDTH = 12  # width of the figures behind the rows
 LABEL_WIDTH = 18  # width of the names in front of the rows
 
 SIGNS: Mapping[str | None, tuple[str, str, str]] = {
-    None: ("█", "green", "covered"),
+    None: ("█", "green", "seen"),
     "hidden": ("h", "red", "hidden"),
-    "out_of_image": ("o", "blue", "out of image"),
+    "out_of_image": ("o", "blue", "outside its image"),
     "too_far": ("f", "yellow", "too far"),
     "detector_far": ("f", "yellow", "too far"),
     "too_near": ("n", "yellow", "too near"),
     "detector_near": ("n", "yellow", "too near"),
-    "oblique": ("a", "magenta", "angle"),
+    "oblique": ("a", "magenta", "seen too flat"),
     "too_small": ("s", "magenta", "too small"),
-    "behind": ("l", "yellow", "looks away"),
+    "behind": ("l", "yellow", "behind the camera"),
     "same_colour": ("c", "red", "same colour behind"),
     "too_dark": ("d", "red", "too dark"),
     "too_bright": ("b", "red", "too bright"),
 }
-"""Sign, colour and words of each cause, in the order of the legend; None: covered."""
+"""Sign, colour and words of each cause, in the order of the legend; None: seen."""
 
 SELDOM = ("behind", "same_colour", "too_dark", "too_bright")  # in the legend only where a camera does not see for that
 NOT_REQUIRED = ("·", "dim")  # sign where no formula requires a literal
 
 
 def print_explanation(found: Explanation) -> None:
-    """The timeline of a candidate, the totals of its causes, the verdict and its accuracy.
+    """What a candidate means and where it is not seen, its timeline, the totals of its causes, and their accuracy.
 
     For an infeasible candidate, the reasons.
     """
     title = found.name if found.step is None else f"Step {found.step} of {found.of_steps}, {found.task}"
     if found.sampling is None:
-        say(f"{title} is infeasible:")
-        for reason in found.reasons:
+        say(f"{title} cannot be done:")
+        for reason in found.why:
             say(f"- {reason}")
         return
-    rank = "infeasible" if found.rank is None else f"rank {found.rank}" + ", Pareto-optimal" * found.pareto
-    figures = [] if found.step is not None else [rank]
-    figures += [f"way {found.choice}"] if found.has_choice else []
-    figures.append(f"time {found.time:.2f} s")
-    figures += [f"{FIGURE_NAMES[name]} {shown_figure(name, getattr(found, name))}" for name in ("q_eoi", "q_avg")]
-    if found.step is None:
-        say(joined([(title, "bold"), ": ", unbroken(figures), "\n"]))
-    else:
-        say(joined([(title, "bold"), "" if found.whole is None else f"; the whole, {found.whole}, is {rank}"]))
-        say(joined([unbroken(figures), "\n"]))
+    say(f"{title}: {sentences.what_it_means(found)}", "bold")
+    for sentence in sentences.never_noticed([found]):
+        say(sentence)
+    say(" ".join(filter(None, (found.verdict, sentences.what_to_move(found.to_move)))))
+    rank = "cannot be done" if found.rank is None else f"rank {found.rank}"
+    figures = (
+        [rank if found.step is None else f"the whole, {found.whole}, is {rank}"]
+        if found.whole or not found.step
+        else []
+    )
+    figures += [found.choice] if found.has_choice else []
+    say(joined(["\n", unbroken([*figures, *named_figures(found, "q_eoi", "q_avg", "time")]), "\n"]))
     for row in _rows(found):
         say(row)
     seen = {one.cause for one in found.unseen_times}
     legend = dict.fromkeys(f"{s} {words}" for cause, (s, _, words) in SIGNS.items() if cause not in {*SELDOM} - seen)
-    say(styled(unbroken(f"{one.name} {one.does}" for one in found.primitives), "dim"))
-    say(styled(unbroken([*legend, "- not covered", "· not required"], "  "), "dim"))
-    _print_faults(found)
+    _say_pieces([found])
+    say(styled(unbroken([*legend, "- not seen", "· need not be seen"], "  "), "dim"))
+    for name, fault in found.faults.items():
+        if len(found.faults) > 1 or fault.blind_longest > 0.0:
+            longest = f"; no image shows it for up to {fault.blind_longest:.2f} s" if fault.blind_longest > 0.0 else ""
+            said = sentences.noticed(found, name)
+            say(f"{said[0].upper()}{said[1:]}{longest}.")
     say_assumed(found.assumed if found.faults else "")
     say(f"\n{_camera_failures(found)}")
-    if found.unseen_times:
-        say()
-        rows = []
-        for one in found.unseen_times:
-            because = one.words if one.box is None else f"box {one.box} is {one.words}"
-            rows.append((one.literal, one.camera, f"{one.seconds:.2f}", because))
-        columns = [Column("literal"), Column("camera"), Column("seconds", right=True)]
-        print_table([*columns, Column("does not see it because")], rows)
+    says = {name.removeprefix("not "): target.says for name, target in found.targets.items()}
+    _print_unseen(found, says)
     if found.hidden:
         say()
-        columns = [Column("literal"), Column("camera"), Column("hidden", right=True)]
-        print_table(
-            [*columns, Column("of which first on the ray", shrink=True)],
-            [(o.literal, o.camera, f"{100 * o.hidden:.1f} %", part_shares_in_words(o.parts)) for o in found.hidden],
-        )
-    say(f"\n{' '.join(filter(None, (found.verdict, what_to_move(found.to_move))))}")
-    say(styled(accuracy(found.sampling, [found]), "dim"))
+        columns = [
+            Column("fact", shrink=True),
+            Column("camera"),
+            Column("hidden", right=True),
+            Column("by", shrink=True),
+        ]
+        parts = sentences.part_shares_in_words
+        rows = [(says[o.literal], o.camera, f"{100 * o.hidden:.1f} %", parts(o.parts)) for o in found.hidden]
+        print_table(columns, _said_once(rows))
+    say(styled(f"\n{_accuracy(found.sampling, [found])}", "dim"))
 
 
-def _print_faults(found: CandidateResult) -> None:
-    """When each fault is noticed."""
-    for name, fault in found.faults.items():
-        retried = name in found.retried and fault.expected_time is not None
-        done = f"; done after one retry at {fault.expected_time:.1f} s" if retried else ""
-        mean = "" if fault.delay_mean is None else f"noticed after {fault.delay_mean:.2f} s on average, "
-        worst = f"{fault.delay_worst:.2f} s at worst" if fault.delay_worst is not None else ""
-        never = f"never in {100 * fault.unseen:.3g} % of cases, as no image is sure to show it"
-        say(f"\n{name}: {mean}{worst or never}; longest blind stretch {fault.blind_longest:.2f} s{done}")
+def _accuracy(done: SamplingDone, found: Sequence[CandidateResult]) -> str:
+    return sentences.accuracy(done, found, short=verbosity.get() is not Verbosity.VERBOSE)
+
+
+def _print_unseen(found: Explanation, says: Mapping[str, str]) -> None:
+    """For how long each camera does not see each fact, and why; cameras that never see it share a row.
+
+    says: the facts in words, by atom.
+    """
+    rows: list[tuple[str, str, str, str]] = []
+    for atom, facts in groupby(found.unseen_times, key=lambda one: one.literal):
+        lost, kinds = dict[str, Counter[str]](), dict[str, dict[str, None]]()
+        asked = [one.literals.get(atom) or one.literals.get(f"not {atom}") for one in found.samples]
+        for one in facts:
+            kinds.setdefault(one.camera, {})[one.limit.by(None)] = None
+            lost.setdefault(one.camera, Counter())[one.words] += one.seconds  # type: ignore[assignment]
+        able = [camera for camera in lost if any(one is not None and one.cameras[camera].covered for one in asked)]
+        for camera in able:
+            why = [f"{words} {seconds:.2f}" for words, seconds in lost[camera].most_common()]
+            more = len(why) - sentences.MOST_PARTS
+            because = ", ".join(why[: sentences.MOST_PARTS]) + (f", and {more} more" if more > 0 else "")
+            because = next(iter(lost[camera])) if len(why) == 1 else because
+            rows.append((says[atom], camera, f"{lost[camera].total():.2f}", because))
+        if never := [camera for camera in lost if camera not in able]:
+            reasons = ", ".join(dict.fromkeys(words for camera in never for words in kinds[camera]))
+            rows.append((says[atom], ", ".join(never), f"{lost[never[0]].total():.2f}", f"never seen: {reasons}"))
+    if rows:
+        say()
+        columns = [Column("fact", shrink=True), Column("camera", shrink=True), Column("not seen\n[s]", right=True)]
+        print_table([*columns, Column("because it is (for [s])", shrink=True)], _said_once(rows))
+
+
+def _said_once(rows: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """Rows of which the first cell is empty where it is that of the row before."""
+    before = ["", *(first for first, *_ in rows)]
+    return [("" if first == last else first, *others) for last, (first, *others) in zip(before, rows, strict=False)]
 
 
 def print_comparison(found: ExplainedAll) -> None:
@@ -116,23 +149,32 @@ def print_comparison(found: ExplainedAll) -> None:
     say(f"{'':{LABEL_WIDTH}}0{f'{longest:.1f} s':>{_width() - 1}}")
     for one in found.candidates:
         if one.sampling is None:
-            say(joined([*_label(one.name, ""), (f"infeasible: {one.reasons[0]}", "red")]))
+            say(joined([*_label(one.name, ""), (f"cannot be done: {one.why[0]}", "red")]))
             continue
         shown, primitives = _placed(one, longest)
         signs = _signs([(sample.covered, "!" if sample.event else "-") for sample in (one.samples[i] for i in shown)])
         figures = "".join(" " + ("    -" if q is None else f"{100 * q:5.1f}") for q in (one.q_eoi, one.q_avg))
         say(joined([*_label(one.name), *signs, figures]))
         say(styled(" " * LABEL_WIDTH + primitives))
-    legend = "On the right Q_eoi and Q_avg [%]. █ covered  - not covered  ! not covered in an event of interest"
+    legend = "On the right, critical time seen and time seen [%]. █ seen  - not seen  ! not seen in critical time"
     say(styled(legend, "dim"))
-    if feasible:
-        say(styled(unbroken(f"{one.name} {one.does}" for one in feasible[0].primitives), "dim"))
+    _say_pieces(feasible)
     for one in feasible:
         say(f"\n{one.name}: {one.verdict}")
     if done := [one.sampling for one in feasible if one.sampling is not None]:
         error = max((one.error for one in done if one.error is not None), default=None)
         gap = max((one.max_gap for one in done if one.max_gap is not None), default=None)
-        say(styled(f"\n{accuracy(replace(done[0], error=error, max_gap=gap), feasible)}", "dim"))
+        say(styled(f"\n{_accuracy(replace(done[0], error=error, max_gap=gap), feasible)}", "dim"))
+
+
+def _say_pieces(found: Sequence[ExplainedCandidate]) -> None:
+    """What primitives do whose names stand above a chart, as there is no room for the words."""
+    scale = _width() / max([one.time or 0.0 for one in found] or [1.0])
+    spans = [
+        one for each in found for one in each.primitives if (one.end - one.start) * scale < len(one.does or "") + 2
+    ]
+    if named := dict.fromkeys(f"{one.name} {one.does}" for one in spans if one.does):
+        say(styled(unbroken(named), "dim"))
 
 
 def _label(name: str, style: str = "bold") -> list[Styled | tuple[str, str]]:
@@ -149,18 +191,18 @@ def _camera_failures(found: ExplainedCandidate) -> str:
     """One sentence about the cost of each camera's failure."""
     needed, spare = [], []
     if found.q_avg == 0.0:
-        return "All that has to be seen is never seen at once, so that no camera is missed if it fails."
+        return "No camera is missed if it fails: all that must be seen is never seen at the same time."
     for name, without in found.without_camera.items():
         losses = [
-            f"{FIGURE_NAMES[name]} to {shown_figure(name, left)}"
+            f"{FIGURE_NAMES[name]} falls to {shown_figure(name, left)}"
             for name, left, now in (("q_eoi", without.q_eoi, found.q_eoi), ("q_avg", without.q_avg, found.q_avg))
             if left is not None and now is not None and round(left, 3) < round(now, 3)
         ]
         if losses:
-            needed.append(f"without {name} {' and '.join(losses)}")
+            needed.append(f"if {name} fails, {' and '.join(losses)}")
         else:
             spare.append(name)
-    parts = [f"If a camera fails: {'; '.join(needed)}." if needed else "No single camera is needed."]
+    parts = [f"I{'; '.join(needed)[1:]}." if needed else "No single camera is needed."]
     if spare and needed:
         parts.append(f"Not needed here: {', '.join(spare)}.")
     return " ".join(parts)
@@ -184,7 +226,7 @@ def covered_share(samples: Sequence[Sample], states: Sequence[State]) -> float |
 def _placed(found: ExplainedCandidate, longest: float) -> tuple[list[int], str]:
     """The sample that each sign of a row stands for, on a scale of `longest` seconds: the nearest to its middle.
 
-    With the name of each primitive at its beginning, as far as there is room before the next.
+    With what each primitive does at its beginning, or its name where there is no room for that before the next.
     """
     scale, t = _width() / max(longest, 1e-9), np.array([sample.t for sample in found.samples])
     moments = (np.arange(round((found.time or 0.0) * scale)) + 0.5) / scale
@@ -193,13 +235,14 @@ def _placed(found: ExplainedCandidate, longest: float) -> tuple[list[int], str]:
     starts = [round(primitive.start * scale) for primitive in found.primitives]
     row = [" "] * len(moments)
     for primitive, start, end in zip(found.primitives, starts, [*starts[1:], len(moments)], strict=True):
-        name = f"|{primitive.name}"[: max(end - start, 0)]
+        room, words = max(end - start, 0), f"|{primitive.does or primitive.name}"
+        name = words if len(words) <= room else f"|{primitive.name}"[:room]
         row[start : start + len(name)] = name
     return (before + later).tolist(), "".join(row)
 
 
 def _rows(found: ExplainedCandidate) -> list[Styled]:
-    """Axis, primitives, events of interest, the state, and every literal with its cameras."""
+    """Axis, primitives, critical time, the state, and every literal with its cameras."""
     time, samples = found.time or 0.0, found.samples
     shown, primitives = _placed(found, time)
 
@@ -214,11 +257,11 @@ def _rows(found: ExplainedCandidate) -> list[Styled]:
         styled(" " * LABEL_WIDTH + primitives),
     ]
     if interesting := "".join("◆" if samples[i].event else " " for i in shown).rstrip():
-        rows.append(styled("event of interest".ljust(LABEL_WIDTH) + interesting.ljust(len(shown))))
-    rows.append(row("all literals", [sample.covered for sample in samples]))
-    for atom in dict.fromkeys(name.removeprefix("not ") for name in found.targets):
+        rows.append(styled("critical time".ljust(LABEL_WIDTH) + interesting.ljust(len(shown))))
+    rows.append(row("everything", [sample.covered for sample in samples]))
+    for atom, says in {name.removeprefix("not "): one.says for name, one in found.targets.items()}.items():
         literals = [one.literals.get(atom) or one.literals.get(f"not {atom}") for one in samples]
-        rows += ["", row(atom, [None if one is None else one.covered for one in literals])]
+        rows += ["", row(says, [None if one is None else one.covered for one in literals])]
         for camera in found.cameras:
             verdicts = [None if one is None else one.cameras[camera] for one in literals]
             signs = [NOT_REQUIRED if (one := verdicts[i]) is None else SIGNS[one.cause][:2] for i in shown]
