@@ -87,7 +87,7 @@ class _FaultText:
         self.called = [
             {one.name: (one.does or one.name).replace(" ", "-") for one in step.primitives} for step in steps
         ]
-        """What each primitive does as a fault says it, by its name; the name where another of the step does the same."""
+        """What each primitive does as a fault says it, by its name; the name where another does the same."""
         for called in self.called:
             often = Counter(called.values())
             called.update({name: name for name, words in called.items() if often[words] > 1})
