@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 
-Ways = Literal["best", "all", "fastest"]
+Ways = Literal["best", "all", "first"]
 Certificates = tuple[Path, Path, Path]
 """Files of a certificate of an authority, of one's own, and of its key."""
 AnyPath = Any  # a path, which Python may also give as text
@@ -101,9 +101,8 @@ class TaskRequest(Request):
     )
     ways: Ways = option(
         "--ways",
-        "Take the best of all ways of a candidate, or the fastest branch with the first yaw and side, seen or not; "
-        "other yaws and sides may be faster.",
-        values.one_of("best", "fastest"),
+        "best: of all ways of a candidate that which is seen best; first: the first that is found, seen or not.",
+        values.one_of("best", "first", fastest="first"),
         default="best",
     )
     after: AnyPath = AFTER
@@ -119,7 +118,7 @@ class TaskRequest(Request):
 
         by: Criterion = getattr(self, "by", "q_eoi")
         calibration = getattr(self, "calibration", None)
-        wanted = WantedWay(by, self.ways == "fastest", getattr(self, "max_time", None))
+        wanted = WantedWay(by, self.ways == "first", getattr(self, "max_time", None))
         return RankJob(self.sampling or Adaptive(), calibration, wanted, cell=cell, world=world)
 
 
@@ -137,9 +136,9 @@ class RankRequest(TaskRequest):
     )
     ways: Ways = option(
         "--ways",
-        "Show each candidate by its best way, all that are Pareto-optimal, or take the fastest branch with the first "
-        "yaw and side, seen or not; other yaws and sides may be faster.",
-        values.one_of("best", "all", "fastest"),
+        "best: each candidate by the way that is seen best; all: its other ways, too, that none beats in everything; "
+        "first: by the first way that is found, seen or not.",
+        values.one_of("best", "all", "first", fastest="first"),
         default="best",
     )
     calibration: Calibration | None = options(
@@ -188,8 +187,8 @@ class AdviseRequest(TaskRequest):
     )
     ways: Ways = option(
         "--ways",
-        "fastest: the motion stays as rank --ways fastest has it.",
-        values.one_of("best", "fastest"),
+        "first: the motion stays as rank --ways first has it.",
+        values.one_of("best", "first", fastest="first"),
         default="best",
     )
     choose: str = CHOOSE
@@ -200,7 +199,7 @@ class CheckRequest(Request):
     """Validate a workspace, and a task in it.
 
     With a task, show which candidates can be done, why the others cannot, and what would have to be done first. Times
-    are those of `rank --ways fastest`; without that, rank takes the best of all ways.
+    are those of `rank --ways first`; without that, rank takes the best of all ways.
     """
 
     task: str | None = argument(
@@ -272,8 +271,8 @@ class PlaceRequest(ScoreRequest):
     budget: float | None = option("--budget PRICE", "Most that the cameras may cost.", values.number(0.0), default=None)
     ways: Ways = option(
         "--ways",
-        "fastest: ways stay as rank --ways fastest has them.",
-        values.one_of("best", "fastest"),
+        "first: ways stay as rank --ways first has them.",
+        values.one_of("best", "first", fastest="first"),
         default="best",
     )
     mounts: AnyPath = option(

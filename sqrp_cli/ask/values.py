@@ -84,10 +84,11 @@ def _several(value: object, kind: Any) -> bool:  # noqa: ANN401 - as `isinstance
     return isinstance(value, Sequence) and not isinstance(value, str) and all(isinstance(one, kind) for one in value)
 
 
-def one_of(*known: str) -> FieldKind:
-    """One of some names."""
+def one_of(*known: str, **once: str) -> FieldKind:
+    """One of some names. once: what stands for words that scripts may still have."""
 
     def read(value: object, name: str) -> str:
+        value = once.get(value, value) if isinstance(value, str) else value
         if not isinstance(value, str):
             raise refused(name, value, f"one of {', '.join(known)}")
         if value not in known:

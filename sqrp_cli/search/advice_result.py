@@ -209,7 +209,7 @@ class AdviceDocument(TaskDocument):
     met: bool
     """Whether it meets the goal without any change."""
     before: AdvisedFigures
-    """The candidate without any change, as with `--ways fastest`; in its best way if that misses the goal alone."""
+    """The candidate without any change, as with `--ways first`; in its best way if that misses the goal alone."""
     best: AdvisedFigures | None
     """The candidate without any change in the way that `rank` and `score` take; None if that misses the goal."""
     advice: tuple[AdviceFound, ...] = ()
@@ -218,10 +218,10 @@ class AdviceDocument(TaskDocument):
     """What came of each kind."""
     nearest: NearestChange | None = None
     """If nothing meets the goal: what comes nearest."""
-    ways: Literal["best", "fastest"] = "best"
-    """Which ways were asked for: with `fastest`, the motion stays as it is."""
+    ways: Literal["best", "first"] = "best"
+    """Which ways were asked for: with `first`, the motion stays as it is."""
     starts_fastest: bool = True
-    """Whether `before` is about the way with `--ways fastest`."""
+    """Whether `before` is about the way with `--ways first`."""
     assumed: str = ""
     """What delays assume of the cameras, in words; empty where all state their latency."""
     first: str | None = field(default=None, metadata=LEFT_OUT)
@@ -237,7 +237,7 @@ class AdviceDocument(TaskDocument):
     @property
     def whose_figures(self) -> str:
         """Whose figures they are, where that matters: changes of the cell may let other ways be better."""
-        if self.ways == "fastest" or all(one.kind in MOTION for one in self.advice):
+        if self.ways == "first" or all(one.kind in MOTION for one in self.advice):
             return ""
         return "Figures are of the ways that candidates have now; rank may find others then."
 

@@ -128,7 +128,7 @@ class Compared(Record):
     samples: int
     """Samples of these ways."""
     fastest: bool
-    """Whether they are one way of each candidate: the fastest of all, or that with `--ways fastest`."""
+    """Whether they are one way of each candidate: the fastest of all, or that with `--ways first`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -279,7 +279,7 @@ def proof_in_words(found: PlaceDocument) -> str:
     number, which = count_in_words(len(found.cameras)), f"{found.by} Q"
     about, several = f"these {found.compared.ways} ways", found.compared.ways > 1
     if found.question.fastest:
-        about = "the way of each candidate with --ways fastest" if several else "the way with --ways fastest"
+        about = "the way of each candidate with --ways first" if several else "the way with --ways first"
     elif found.compared.fastest:
         about = "the fastest of all ways of each candidate" if several else "the fastest of all ways"
     quality = f"{which} of {100 * found.objective:.1f} % in {about} (gap 0)"

@@ -106,7 +106,7 @@ class NoneMeets:
 
 
 def is_fastest(found: CandidateResult) -> bool:
-    """Whether the figures of a candidate are those with `--ways fastest`."""
+    """Whether the figures of a candidate are those with `--ways first`."""
     return found.way.parameters == first_grip(found.candidate).parameters and not found.way.vias
 
 
@@ -128,11 +128,11 @@ class Question:
     cell: Cell
     world: World
     sampling: Sampling
-    fastest: Candidate  # the candidate as `--ways fastest` has it
+    fastest: Candidate  # the candidate as `--ways first` has it
     best: CandidateResult  # the candidate by its best way; by the fastest one where the motion is fixed
     results: Sequence[CandidateResult]  # of all candidates of the task, `best` among them
     before: CandidateResult
-    """The candidate without any change, as with `--ways fastest`; in its best way if that misses the goal alone."""
+    """The candidate without any change, as with `--ways first`; in its best way if that misses the goal alone."""
     goal: Goal
     aims: Mapping[str, Aim]  # what cameras look at, by name, where the workspace says so
     affected: Callable[[], Sequence[TaskWays]]

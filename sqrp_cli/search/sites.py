@@ -65,7 +65,7 @@ def judged_way(cell: Cell, task: str, candidate: Candidate, planned: PlannedMoti
 def ways_to_choose(motions: Sequence[PlannedMotion]) -> tuple[list[PlannedMotion], PlannedMotion]:
     """Some of the ways of a candidate: the fastest, that of the first grip, then that of each other branch of the arm.
 
-    That of the first grip, which is named, too, is the way with `--ways fastest`: so a choice among them is never worse
+    That of the first grip, which is named, too, is the way with `--ways first`: so a choice among them is never worse
     than without a choice of ways.
     """
     ordered = sorted(motions, key=lambda planned: compared_time(planned.motion.time))

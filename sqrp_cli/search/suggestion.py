@@ -62,7 +62,7 @@ class Suggester:
         """planner: finds the plans. jobs: most processes that score the candidates of a step.
 
         candidates: how many will be asked about; of more than `MOST_WITH_FIGURES`, it is only asked whether they can
-        be done, after steps in their ways with `--ways fastest`.
+        be done, after steps in their ways with `--ways first`.
         """
         self.cell, self.world, self.jobs, self.planner = cell, world, jobs, planner
         self.wanted = WantedWay(fastest=candidates > MOST_WITH_FIGURES)
@@ -184,7 +184,7 @@ class Feasibility:
 
 def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
     """Check one candidate in the suggester's world: its precondition, and whether the robot can make its motion."""
-    if candidate.steps:  # each in its way with `--ways fastest` after those before
+    if candidate.steps:  # each in its way with `--ways first` after those before
         job = RankJob(cell=suggester.cell, world=suggester.world, wanted=WantedWay(fastest=True))
         found = job.assess(first_grip(candidate))
         return from_fields(Feasibility, found, candidate=candidate, suggestion=Suggestion("satisfied", ""), outside=())

@@ -59,7 +59,7 @@ class PlaceQuestion:
     requirements: Requirements
     sampling: Sampling
     keep: tuple[str, ...] = ()  # cameras of the workspace that stay
-    fastest: bool = False  # whether candidates keep the fastest branch with the first grip, as with `--ways fastest`
+    fastest: bool = False  # whether candidates keep the fastest branch with the first grip, as with `--ways first`
     verdicts: Verdicts | None = None  # where verdicts come from; None: this process
 
 

@@ -177,7 +177,7 @@ def _observed_ways(
     tried, motions = plans.of(cell, candidate, world, fastest=wanted.fastest)
     longest = inf
     if wanted.limit is not None and not isinstance(motions, Infeasible):
-        whose = "its way with `--ways fastest`" if wanted.fastest else "its fastest way"
+        whose = "its way with `--ways first`" if wanted.fastest else "its fastest way"
         longest, motions = wanted.limit.within(motions, whose)
     if isinstance(motions, Infeasible):
         return replace(motions, tried=tried)
@@ -266,7 +266,7 @@ class Plans:
         """Every way of a candidate, of the branch that it states, if any; planned at the first time.
 
         World and cell: see the class. fastest: only the fastest branch with the first grip, which is its way with
-        `--ways fastest`.
+        `--ways first`.
         """
         key = (id(candidate), fastest)
         if key in self._known:

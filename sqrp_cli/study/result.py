@@ -263,7 +263,7 @@ class Ranking(TaskDocument):
     """True if Ctrl-C came before all candidates were finished."""
     of: int
     """How many candidates the task has."""
-    ways: Literal["best", "all", "fastest"] = "best"
+    ways: Literal["best", "all", "first"] = "best"
     """Which ways were asked for."""
     assumed: str = ""
     """What delays assume of the cameras, in words; empty where all state their latency."""

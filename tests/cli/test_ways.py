@@ -31,7 +31,7 @@ def test_the_command_that_says_how_much_helps_can_be_typed(sqrp, tabletop):
     """It is about the same candidate, in the same way, and about what is lost."""
     outcome = sqrp("explain", tabletop, "pickup green", *CHOSEN, "--ways", "fastest")
     words = next(shlex.split(line) for line in outcome.out.splitlines() if line.startswith("sqrp advise "))
-    assert words[3:] == ["pickup green", *CHOSEN, "--ways", "fastest"]  # it misses what the workspace states
+    assert words[3:] == ["pickup green", *CHOSEN, "--ways", "first"]  # it misses what the workspace states
     advice = sqrp(*words[1:], "--kinds", "way", "--json").document
     assert (advice["candidate"], advice["before"]["q_eoi"]) == ("g1", 0.0)
     for task in ("pickup g1", "pickup object=g1,g6"):  # of the best way the workspace asks no more

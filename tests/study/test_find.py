@@ -91,13 +91,13 @@ def test_a_limit_that_no_way_keeps_makes_a_candidate_infeasible_with_the_excess(
     assert (found.feasible, found.reasons) == (False, (reason,))
     assert found.ways is not None
     assert (found.ways.tried, found.ways.feasible, found.ways.pareto) == (32, 0, ())
-    # With `--ways fastest` one way is looked at, and other ways are not meant.
-    fastest = only(cell, "pickup g3", ways="fastest")
+    # With `--ways first` one way is looked at, and other ways are not meant.
+    fastest = only(cell, "pickup g3", ways="first")
     assert fastest.ways is not None
     assert (fastest.ways.tried, fastest.ways.feasible, fastest.parameters["approach_yaw"]) == (1, 1, 0.0)
-    (reason,) = only(cell, "pickup g3", max_time="10 s", ways="fastest").reasons
+    (reason,) = only(cell, "pickup g3", max_time="10 s", ways="first").reasons
     assert reason.startswith(
-        f"its way with `--ways fastest` takes {fastest.time:.2f} s, {fastest.time - 10:.2f} s more"
+        f"its way with `--ways first` takes {fastest.time:.2f} s, {fastest.time - 10:.2f} s more"
     )
     assert only(cell, "pickup g3", max_time="10 s").feasible
 

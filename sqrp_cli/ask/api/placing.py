@@ -67,7 +67,7 @@ def find_placement(
         requirements=requirements,
         sampling=means.sampling,
         keep=keep,
-        fastest=request.ways == "fastest",
+        fastest=request.ways == "first",
     )
     with closing(Results(means.out)) as results:
         verdicts: Verdicts = partial(local_verdicts, cell, means.jobs)

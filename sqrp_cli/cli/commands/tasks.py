@@ -184,7 +184,8 @@ def _write_chosen(session: Session, found: Ranking, choose: str, program: Path |
     return ExitCode.OK, f"{chosen.name} {written}"
 
 
-_WAYS = ("best", "all", "fastest")
+_WAYS = ("best", "all", "first")
+_WAYS_READ = values.one_of(*_WAYS, fastest="first")
 
 
 class _WaysParser(ParsedCommand):
@@ -195,7 +196,8 @@ class _WaysParser(ParsedCommand):
         words: list[str] = []
         for word, following in zip(args, [*args[1:], ""], strict=False):
             words.append(word)
-            is_value = following in _WAYS or (nearest(following, _WAYS) is not None and not Path(following).exists())
+            known = (*_WAYS, "fastest")
+            is_value = following in known or (nearest(following, known) is not None and not Path(following).exists())
             if word == "--ways" and not is_value:
                 words.append("all")
         try:
@@ -203,17 +205,17 @@ class _WaysParser(ParsedCommand):
         except UsageError:
             after = args[args.index("--ways") + 1 :] if "--ways" in args else []
             if after and not after[0].startswith("-"):  # it may be a misspelt value rather than a word too much
-                values.one_of(*_WAYS).read(after[0], "--ways")
+                _WAYS_READ.read(after[0], "--ways")
             raise
 
 
 class _Explain(requests.ExplainRequest):
     task: str = argument("TASK", "As for rank; none for a program.", requests.TASK, default="", complete="tasks")
     ways: requests.Ways = option(
-        "--ways [best|all|fastest]",
-        "Show the other Pareto-optimal ways, too (all; also without a value), or explain that with the fastest branch "
-        "and the first yaw and side.",
-        values.one_of(*_WAYS),
+        "--ways [best|all|first]",
+        "all (also without a value): show the other ways, too, that none beats in everything; first: explain the way "
+        "that is found first, seen or not.",
+        _WAYS_READ,
         default="best",
     )
 
@@ -290,7 +292,7 @@ def _say_more(found: Explanation, cell: OpenCell, workspace: Path, after: Path |
         words += ["--choose", str(ask.choose)] if ask.choose != "best" else []
     elif len(found.ranking) > 1:
         words += ["--choose", found.name]
-    words += ["--ways", "fastest"] if ask.ways == "fastest" else []
+    words += ["--ways", "first"] if ask.ways == "first" else []
     words += ["--after", str(after)] if after is not None else []
     say_command("\nHow much of that is enough, and what it costs:", shlex.join(words))
 

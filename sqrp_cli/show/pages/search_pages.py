@@ -57,7 +57,7 @@ def _rows(document: AdviceDocument, job: RankJob) -> Iterator[tuple[PageRow, Can
     def row(name: str, mark: str, kind: str, found: CandidateResult, reasons: Sequence[str]) -> PageRow:
         labels = {"change": name, "kind": kind}
         if several:
-            labels["way"] = "fastest" if is_fastest(found) else described(found).choice
+            labels["way"] = "first" if is_fastest(found) else described(found).choice
         retried = found.candidate.skill.retried_faults
         return PageRow(name, mark, labels, None, reasons, None, None, retried=retried)
 

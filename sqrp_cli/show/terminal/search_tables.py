@@ -56,7 +56,7 @@ def print_advice(found: AdviceDocument, *, written: bool = False) -> None:
     if found.best is not None and not found.met:
         say(
             f"The way that rank and score take meets the goal already, with {_in_words(found.best, found.want)}; what "
-            "follows is for the motion of --ways fastest, which is planned without a look at the cameras."
+            "follows is for the motion of --ways first, which is planned without a look at the cameras."
         )
     if found.advice:
         say()
@@ -99,7 +99,7 @@ def _conclude(found: AdviceDocument, *, written: bool) -> tuple[str, str] | None
     else:
         number = next((n for n, one in enumerate(found.advice, 1) if one.kind in MOTION or not one.worse), 1)
         one = found.advice[number - 1]
-        judged = " with --ways fastest" if found.ways == "fastest" else ""
+        judged = " with --ways first" if found.ways == "first" else ""
         cost = "what it costs is said below" if one.worse else f"no task gets worse{judged}"
         words = f"{one.words[0].upper()}{one.words[1:]}: {found.candidate} then has {_in_words(one, found.want)}"
         say(f"{words}, and {cost}.")
