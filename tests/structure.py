@@ -37,11 +37,11 @@ ROOMS = {
     "study": ("study", 4_265),
     "search": ("search", 4_286),
     "checks": ("checks", 1_233),
-    "run": ("run", 7_337),
+    "run": ("run", 7_343),
     "field": ("field ros", 2_946),
     "score": ("score", 2_293),
     "show": ("show", 4_928),
-    "ask": ("ask cli __init__ __main__", 5_258),
+    "ask": ("ask cli __init__ __main__", 5_260),
     "studio": ("studio", 1_760),
     "starter, platform": ("starter platform", 2_083),
 }
