@@ -96,9 +96,7 @@ def test_a_limit_that_no_way_keeps_makes_a_candidate_infeasible_with_the_excess(
     assert fastest.ways is not None
     assert (fastest.ways.tried, fastest.ways.feasible, fastest.parameters["approach_yaw"]) == (1, 1, 0.0)
     (reason,) = only(cell, "pickup g3", max_time="10 s", ways="first").reasons
-    assert reason.startswith(
-        f"its way with `--ways first` takes {fastest.time:.2f} s, {fastest.time - 10:.2f} s more"
-    )
+    assert reason.startswith(f"its way with `--ways first` takes {fastest.time:.2f} s, {fastest.time - 10:.2f} s more")
     assert only(cell, "pickup g3", max_time="10 s").feasible
 
 
