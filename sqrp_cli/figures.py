@@ -6,13 +6,13 @@ SI units, shares in 0..1. Nothing of the program but its foundations is imported
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import field, fields
 from math import inf
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
-from sqrp_cli.document import Record
+from sqrp_cli.document import LEFT_OUT, Record
 from sqrp_cli.files.entries import FileRecord, from_fields
 from sqrp_cli.geometry import check_finite
 from sqrp_cli.records import dataclass
@@ -56,6 +56,29 @@ def falls_short(quality: float, least: float) -> bool:
     return quality < least - ROUNDING
 
 
+LateCause = Literal[
+    "line_of_sight", "hardly_apart", "no_place", "not_in_place", "fingers_close", "fingers_hide", "not_seen",
+    "not_asked", "frame",
+]  # fmt: skip
+"""What takes longest until a fault is noticed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LateReason(FileRecord):
+    """What takes longest until a fault is noticed, if it happens when that takes longest, or may never be."""
+
+    cause: LateCause
+    """What takes longest."""
+    camera: str | None
+    """The slowest camera, or of those that do not see it one that comes nearest; null where it is none of one."""
+    at: Seconds
+    """When the fault then happens, from the start of the skill [s]."""
+    after: Seconds | None
+    """From then until the cause has passed [s]; null if it never does."""
+    words: str
+    """It in words, as the end of a sentence."""
+
+
 @dataclass(frozen=True)
 class FaultMetrics(FileRecord):
     """The cost of a fault at a time x, uniform over its interval."""
@@ -70,10 +93,12 @@ class FaultMetrics(FileRecord):
     """Share of x after which it may never be noticed, as no image is sure to show it, in 0..1."""
     expected_time: Seconds | None
     """Mean time from the start of the skill to its end after one retry [s]; null where `unseen` is more than 0."""
+    why: LateReason | None = field(default=None, metadata=LEFT_OUT)
+    """What takes longest until it is noticed; left out in programs."""
 
     def __post_init__(self) -> None:
         """Raises ValueError if a figure is not finite."""
-        check_finite("a fault", [value for value in vars(self).values() if value is not None])
+        check_finite("a fault", [value for value in vars(self).values() if isinstance(value, float)])
 
 
 @dataclass(frozen=True)

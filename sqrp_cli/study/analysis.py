@@ -12,7 +12,7 @@ import numpy as np
 
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible, bad_input
-from sqrp_cli.figures import FaultMetrics
+from sqrp_cli.figures import FaultMetrics, LateReason
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.image_time import Onset, Window, delays
 from sqrp_cli.motion.cell import Cell
@@ -21,6 +21,7 @@ from sqrp_cli.motion.stop_and_return import Recovery, recovery_over
 from sqrp_cli.records import dataclass
 from sqrp_cli.study.drop_detection import onset
 from sqrp_cli.study.fault_sights import all_fault_windows
+from sqrp_cli.study.late_faults import why_late
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import MAX_SAMPLES, FixedCount, FixedStep, Sampling
@@ -31,8 +32,6 @@ from sqrp_cli.task.feasibility import feasible_motion
 from sqrp_cli.task.grounding import formulas_outside, ground_formulas, ground_targets
 from sqrp_cli.task.task import Candidate
 
-_PROMPT = 1e-3
-"""Times and shares up to this explain no delay [s, 1]."""
 SUMMED = ("time", "t_total", "t_eoi", "states")  # figures of a task of several steps that are the sums of its steps'
 
 
@@ -60,20 +59,6 @@ def fault_metrics(windows: Sequence[Window], onsets: Sequence[Onset], recovery: 
         unseen=unseen,
         expected_time=None if unseen else float(weights @ [part.cost or 0.0 for part in parts]),
     )
-
-
-def why_late(fault: FaultMetrics, windows: Sequence[Window], onsets: Sequence[Onset]) -> str:
-    """What takes so long until a fault is noticed, at worst; see `fault_metrics`."""
-    if not windows:
-        return "no image is sure to show it"
-    if fault.unseen:
-        return f"no image is sure to show it in {100 * fault.unseen:.3g} % of cases"
-    if fault.blind_longest > _PROMPT:
-        return f"no image shows it for up to {fault.blind_longest:.2f} s"
-    parting = max(float((onset.shown - onset.x).max()) for onset in onsets)
-    if parting > _PROMPT:
-        return f"tool and part have to part for up to {parting:.2f} s before an image shows it"
-    return "so long take a frame and the latency of the camera that sees it"
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,16 +95,19 @@ class Analysis(Observed):
     """In which images show each fault, by its name."""
     onsets: Mapping[str, tuple[Onset, ...]]
     """From when on images show each fault, for each interval in which it may happen, by its name."""
+    why: Mapping[str, LateReason]
+    """What takes longest until each fault is noticed, by its name."""
 
     @property
     def result(self) -> CandidateResult:
         """The figures of the candidate, without a verdict."""
         timeline, candidate, motion = self.timeline, self.planned.candidate, self.planned.motion
         faults = {
-            fault: fault_metrics(windows, self.onsets[fault], self.recovery, motion.time)
+            fault: replace(
+                fault_metrics(windows, self.onsets[fault], self.recovery, motion.time), why=self.why.get(fault)
+            )
             for fault, windows in self.windows.items()
         }
-        latest = max(faults, key=lambda fault: (faults[fault].unseen, faults[fault].delay_worst or 0.0), default=None)
         return replace(
             self.without_delays,
             faults=faults,
@@ -128,7 +116,6 @@ class Analysis(Observed):
             remarks=motion.remarks,
             outside=formulas_outside(candidate, motion),
             retried=tuple(name for name in faults if name in candidate.skill.retried_faults),
-            why_late="" if latest is None else why_late(faults[latest], self.windows[latest], self.onsets[latest]),
         )
 
 
@@ -204,5 +191,6 @@ def with_delays(cell: Cell, observed: Sequence[Observed], sampling: Sampling) ->
         }
         windows = all_fault_windows(planned, one.timeline, observer, sampling)
         recovery = recovery_over(planned.motion, cell.model, first)
-        done.append(Analysis(planned, one.timeline, recovery, windows, onsets))
+        why = {fault: why_late(cell, planned, fault, windows[fault], onsets[fault]) for fault in onsets}
+        done.append(Analysis(planned, one.timeline, recovery, windows, onsets, why))
     return done

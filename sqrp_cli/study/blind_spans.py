@@ -9,7 +9,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from itertools import groupby, pairwise
-from typing import Annotated, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 import numpy as np
 from pydantic import Field, PlainSerializer
@@ -22,8 +22,10 @@ from sqrp_cli.logic.formula_time import TimeInterval, merge
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import SIDES, Cause, CauseLabel, Reason
-from sqrp_cli.study.analysis import Analysis
 from sqrp_cli.study.result import UnseenTime
+
+if TYPE_CHECKING:
+    from sqrp_cli.study.analysis import Analysis
 
 
 def cause_totals(cell: Cell, analysis: Analysis) -> tuple[UnseenTime, ...]:

@@ -22,17 +22,19 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.detector import ALIKE, BORDER, EMPTY, FULL, LEAST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
 from sqrp_cli.cell.scene import FLOOR_DEPTH
-from sqrp_cli.geometry import Array, Mask, transform
+from sqrp_cli.geometry import Array, Indices, Mask, transform
 from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.logic.image_time import Onset
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.motion.collision import CLEARANCE
 from sqrp_cli.motion.fingers import move_fingers
+from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.scene_states import SceneStates
@@ -81,10 +83,10 @@ GRAVITY = 9.81
 _STARTS, _STEP = 25, 0.1
 """Instants of an interval at which a part is let fall: at least so many, and one in so many seconds."""
 
-_LONGEST = 4.0
+LONGEST = 4.0
 """How long what is lost is followed [s]; what images do not show by then, they never do."""
 
-_FALL = _LONGEST * np.linspace(0.0, 1.0, 81) ** 2
+_FALL = LONGEST * np.linspace(0.0, 1.0, 81) ** 2
 """Times after it is lost at which it is looked at [s], the first ones closer."""
 
 _FIRST = 32
@@ -93,8 +95,24 @@ _FIRST = 32
 _SOON = 0.8
 """How long after a loss cameras count that judge the part [s]."""
 
+_ALONG = 2.0
+"""What moves away from a camera so many times as far as across its line of sight falls along that."""
+
 _NEVER = 1e3
 """How long after the motion what no image shows is shown [s]: after all windows."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DropOnset(Onset):
+    """From when on images show that the tool has lost a part, and what holds them up."""
+
+    part: str
+    lost: Array
+    """Instants at which it is lost, shape (s,) [s]."""
+    slowest: Indices
+    """Of each the camera that shows it last, by index, (s,)."""
+    causes: NDArray[np.str_]
+    """Of each why that camera takes so long, a `LateCause`."""
 
 
 class SeenOffset(NamedTuple):
@@ -162,20 +180,28 @@ def onset(
     found = _shown(stage, observer, literals, targets, interval, of_one_cell=True)
     if found is None:
         return Onset.at_once(interval.start, interval.end)
-    x, each, slowest_of_all, usual = found
-    slowest = each.max(axis=0, initial=-np.inf)
-    slowest = np.where(slowest < 0, slowest_of_all, slowest)  # where no camera judges it, none says so at once
+    x, usual, slowest = found.x, found.usual, found.each.max(axis=0, initial=-np.inf)
     fingers, closing = stage.model.fingers, 0.0  # how long they take to close behind what they lose [s]
     if fingers.joints:  # the windows are those of closed fingers
         start = stage.positions(stage.samples_at(np.array([interval.start])))[0, len(stage.model.arm) :]
         closing = move_fingers(fingers, start, fingers.closed, 0.0).duration
+    camera = found.each.argmax(axis=0) if len(found.each) else np.zeros(len(x), dtype=np.int64)
+    cause = np.where(slowest < x + closing, "fingers_close", found.causes[camera, np.arange(len(x))])
     slowest = np.maximum(slowest, x + closing)
     # What takes longer by more than a step is shown later at once, where between two starts is not known.
     jumps = np.flatnonzero(np.diff(slowest - x) > _STEP) + 1
     x, before = np.insert(x, jumps, x[jumps - 1] + 1e-6), usual[jumps - 1]
     surely = _between(x, np.insert(slowest, jumps, slowest[jumps]), interval)
     usually = _between(x, np.insert(usual, jumps, before), interval)
-    return Onset(surely.x, surely.shown, np.minimum(usually.shown, surely.shown))
+    return DropOnset(
+        surely.x,
+        surely.shown,
+        np.minimum(usually.shown, surely.shown),
+        part=found.part,
+        lost=found.x,
+        slowest=camera,
+        causes=cause,
+    )
 
 
 def least_delays(
@@ -196,9 +222,22 @@ def least_delays(
     found = _shown(stage, observer, literals, targets, interval, of_one_cell=False)
     if found is None:
         return np.full(len(observer.cameras), response)
-    x, each, *_ = found
-    alone = [_between(x, surely, interval) for surely in each]
+    alone = [_between(found.x, surely, interval) for surely in found.each]
     return np.array([(one.shown - one.x + response).max() for one in alone])
+
+
+class _Shown(NamedTuple):
+    """When s drops are shown by c cameras."""
+
+    part: str
+    x: Array
+    """When the fault becomes true, shape (s,) [s]."""
+    each: Array
+    """From when on each camera that may judge a drop shows it, -inf of the others, (c, s) [s]."""
+    usual: Array
+    """From when on all of them together usually do, (s,) [s]."""
+    causes: NDArray[np.str_]
+    """What takes each camera longest, a `LateCause`, (c, s)."""
 
 
 def _shown(
@@ -209,12 +248,10 @@ def _shown(
     interval: TimeInterval,
     *,
     of_one_cell: bool,
-) -> tuple[Array, Array, Array, Array] | None:
+) -> _Shown | None:
     """When drops at s instants of an interval are shown by c cameras; None where the tool loses nothing.
 
-    That is when the fault becomes true, shape (s,) [s]; from when on each camera that may judge a drop shows it, -inf
-    of the others, (c, s) [s]; from when on the slowest would, whenever it judges it, and all of them together usually
-    do, (s,) [s]. of_one_cell: whether the cameras contradict each other; else each is looked at as if it were alone.
+    of_one_cell: whether the cameras contradict each other; else each is looked at as if it were alone.
     """
     name = held_in(stage, interval)
     if name is None or interval.length <= 0.0:
@@ -242,19 +279,23 @@ def _shown(
     places = [box for box in every if by_color and box.frame in stage.resting]
     t = np.linspace(interval.start, interval.end, max(_STARTS, int(np.ceil(interval.length / _STEP)) + 1))
     step = t[1] - t[0]
-    times = np.append(t, np.arange(interval.end + step, interval.end + _LONGEST + step, step))
+    times = np.append(t, np.arange(interval.end + step, interval.end + LONGEST + step, step))
     states = stage.states(stage.samples_at(times))
     free = _falling(stage, observer, name, np.broadcast_to(states.X_WF[name], (len(times), 4, 4)), times, len(t))
     drops = _Drops(name, t, times, states, free)
     judges, seen = _judges(stage, observer, drops, [*left, *reached], places)
     some = np.any(list(judges.values()), axis=0)
+    unjudged = ~some.any(axis=0) & of_one_cell  # of which no camera says so at once
     periods = np.array([1.0 / camera.rate for camera in observer.cameras])
+    if unjudged.any():
+        some[:, unjudged] = _judge_later(stage, observer, drops, [*left, *reached])[:, None]
     if of_one_cell:
-        unjudged = ~some.any(axis=0)
-        if unjudged.any():
-            some[:, unjudged] = _judge_later(stage, observer, drops, [*left, *reached])[:, None]
         periods = np.full(len(periods), periods[some.any(axis=1)].max(initial=0.0))
-    surely, unheld, usually, *there = _first_shown(stage, observer, drops, some, periods, left[0], seen, reached)
+    (surely, parted, unheld, usually, *there), along = _first_shown(
+        stage, observer, drops, some, periods, left[0], seen, reached
+    )
+    causes = np.where(along, "line_of_sight", "hardly_apart")
+    causes = np.where(parted - t < 0.5 * np.minimum(surely - t, LONGEST), "no_place", causes)
     x, judge = t, np.any([judges[box] for box in left], axis=0)
     judging = np.where(judge, surely, -np.inf)
     unheld, usually = np.where(judge, unheld, -np.inf), np.where(judge, usually, np.inf)
@@ -262,13 +303,13 @@ def _shown(
     for (box, X_WB), shown in zip(reached.items(), there, strict=True):
         half, judge = 0.5 * np.array(box.size), judges[box]
         x = np.maximum(x, t + _first((half[:, None, None] - np.abs(_in_box(X_WB, free))).min(axis=0)))
+        causes = np.where(shown > surely, "not_in_place", causes)
         surely, judging = np.maximum(surely, shown), np.maximum(judging, np.where(judge, shown, -np.inf))
         until, since = (np.where(judge, shown, other) for other in (-np.inf, np.inf))
         together = np.maximum(together, majority_time(until, since, needed[box]))
-    latest = stage.motion.time + _NEVER
-    slowest_of_all = surely.max(axis=0, initial=-np.inf)
-    x, judging, slowest_of_all, together = (np.minimum(one, latest) for one in (x, judging, slowest_of_all, together))
-    return x, judging, slowest_of_all, together
+    each, latest = np.where(unjudged, surely, judging), stage.motion.time + _NEVER
+    x, each, together = (np.minimum(one, latest) for one in (x, each, together))
+    return _Shown(name, x, each, together, causes)
 
 
 class _Drops(NamedTuple):
@@ -299,10 +340,11 @@ def _first_shown(
     box: SoughtBox,
     seen: Mapping[SoughtBox, Mask],
     reached: Mapping[SoughtBox, Array],
-) -> Array:
-    """When cameras first show that each drop is surely gone, no longer held, usually gone, and in each box `reached`.
+) -> tuple[Array, Mask]:
+    """When cameras first show that each drop is surely gone and apart, no longer held, usually gone, and in each box.
 
-    Shape (3 + boxes, c, s) [s]; -inf where no camera looks, infinite where it never does.
+    Shape (4 + boxes `reached`, c, s) [s]; -inf where no camera looks, infinite where it never does. And whether it
+    parts along the line of sight, (c, s).
 
     judges: which camera looks at a drop, (c, s). periods: for how long each must go on showing it, (c,) [s]. box: in
     which the tool would show the part. seen: see `_judges`. reached: pose of each box, (4, 4).
@@ -323,7 +365,8 @@ def _first_shown(
     beside = {place: np.append(one[:-1] & one[1:], never, axis=0) for place, one in seen.items()}
     known = max(map(len, beside.values()), default=0)
     before = np.searchsorted(times[:known], t[:, None] + _FALL, side="right") - 1
-    found, left_open = np.empty((3 + len(reached), len(start))), np.arange(len(start))
+    found, left_open = np.empty((4 + len(reached), len(start))), np.arange(len(start))
+    along = np.zeros(judges.shape, dtype=bool)
     for count in (_FIRST, len(_FALL)):
         at, eye, by = start[left_open], eyes[:, left_open, :count], camera[left_open]
         free, lengths = fallen[:, at, :count], focal[left_open]
@@ -344,14 +387,16 @@ def _first_shown(
         if box.limits.kind == "color":
             gone = tuple(map(np.maximum, clear, map(np.minimum, apart, in_a_place.values())))
         inside = [_in_sight(_in_box(X, free), _in_box(X, eye), place.size) for place, X in reached.items()]
-        margins = [gone[0], apart[1], gone[1], *inside]
+        margins = [gone[0], apart[0], apart[1], gone[1], *inside]
         found[:, left_open] = [_first(margin, period[left_open]) for margin in margins]
+        when = np.arange(len(left_open)), np.minimum(np.searchsorted(_FALL, found[1, left_open]), count - 1)
+        along[by, at] = np.abs(held.nearer[when]) > _ALONG * held.across[when]
         left_open = left_open[np.isinf(found[:, left_open]).any(axis=0)]
         if not len(left_open):
             break
     shown = np.full((len(found), *judges.shape), -np.inf)
     shown[:, camera, start] = t[start] + found
-    return shown
+    return shown, along
 
 
 def _judges(

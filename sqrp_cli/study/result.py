@@ -137,8 +137,12 @@ class CandidateResult(Figures):
     """The temporal operators that are never checked, see `grounding.formulas_outside`."""
     recalibrated: tuple[Qualities, ...] = live(())
     """The qualities for random camera poses, if requested."""
-    why_late: str = live("")
-    """What takes so long until the fault with the longest delay is noticed, in a few words; empty without faults."""
+
+    @property
+    def why_late(self) -> str:
+        """What takes so long until the fault that is noticed last is noticed, in a few words; empty without faults."""
+        latest = max(self.faults.values(), key=lambda one: (one.unseen, one.delay_worst or 0.0), default=None)
+        return "" if latest is None or latest.why is None else latest.why.words
 
     @property
     def way(self) -> Candidate:

@@ -69,7 +69,6 @@ def result_of_steps(candidate: Candidate, done: Sequence[CandidateResult]) -> Ca
         verdict=" ".join(f"{step}{one.verdict}" for step, one in said),
         blind_spot=f"{step}{worst.blind_spot}",
         remedy=worst.remedy,
-        why_late=max(done, key=lambda one: one.latest or 0.0).why_late,
         recalibrated=tuple(
             mean_qualities((drawn, one.t_total, one.t_eoi) for drawn, one in zip(draw, done, strict=True))
             for draw in zip(*(one.recalibrated for one in done), strict=True)

@@ -24,7 +24,7 @@ from sqrp_cli.logic.literal import Literal
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.stop_and_return import Recovery, stop
 from sqrp_cli.motion.timing import MotionLimits
-from sqrp_cli.study.analysis import Analysis, fault_metrics, why_late
+from sqrp_cli.study.analysis import Analysis, fault_metrics
 from sqrp_cli.study.fault_sights import FaultWatch, fault_windows
 from sqrp_cli.study.find import WantedWay, find_way
 from sqrp_cli.study.sampling import Adaptive, first_samples
@@ -214,23 +214,6 @@ def test_a_fault_in_two_intervals_is_averaged_over_both_and_not_over_the_time_be
     both = fault_metrics([Window(0.5, 1.2, 0.1, 0.05)], (first, second), back, 4.0)
     assert (both.delay_mean, both.delay_worst, both.expected_time) == (pytest.approx(0.1), None, None)
     assert both.unseen == pytest.approx(0.75)
-
-
-LATE = Onset(np.array([1.0, 3.0]), np.array([1.4, 3.0]))
-
-
-@pytest.mark.parametrize(
-    ("windows", "onset", "why"),
-    [
-        ([Window(0.0, 4.0, 0.1, 0.05)], Onset.at_once(1.0, 3.0), "so long take a frame and the latency"),
-        ([Window(0.0, 4.0, 0.1, 0.05)], LATE, "tool and part have to part for up to 0.40 s"),
-        ([Window(0.0, 1.5, 0.1, 0.05), Window(2.2, 4.0, 0.1, 0.05)], LATE, "no image shows it for up to 0.70 s"),
-        ([Window(0.0, 3.0, 0.1, 0.05)], LATE, "no image is sure to show it in 3.12 % of cases"),
-        ([], LATE, "no image is sure to show it"),
-    ],
-)
-def test_what_makes_the_longest_delay_long(windows: list[Window], onset: Onset, why: str) -> None:
-    assert why_late(fault_metrics(windows, [onset], recovery(0, 4.0), 4.0), windows, [onset]).startswith(why)
 
 
 @given(seed=st.integers(0, 10**6))

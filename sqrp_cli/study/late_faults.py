@@ -1,0 +1,111 @@
+"""Why a fault is noticed so late, or never, if it happens when that takes longest: which camera takes it for what."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sqrp_cli.figures import LateCause, LateReason
+from sqrp_cli.logic.image_time import Onset, Window
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.sight.limits import Cause
+from sqrp_cli.sight.observer import sees_all
+from sqrp_cli.study.blind_spans import by_name, first_failing
+from sqrp_cli.study.drop_detection import LONGEST, DropOnset
+from sqrp_cli.study.fault_sights import is_lost_by_fingers, watched_faults
+from sqrp_cli.study.timeline import PlannedMotion
+
+_PROMPT = 1e-3
+"""Times up to this explain no delay [s]."""
+
+_LOOKS = 8
+"""Other times of each interval at which it is asked which camera sees what would show a fault."""
+
+_HELD = "camera `{camera}` may take {part} for held {until}, because "
+
+_WORDS: dict[LateCause, str] = {
+    "line_of_sight": _HELD + "it falls along its line of sight",
+    "hardly_apart": _HELD + "tool and part are hardly apart",
+    "no_place": _HELD + "it sees no place in which it would lie",
+    "not_in_place": "camera `{camera}` may not see {part} in its place {until}",
+    "fingers_close": "the fingers take {after:.2f} s to close behind {part}",
+    "fingers_hide": "closed fingers hide from camera `{camera}`{span} that nothing is between them",
+    "not_seen": "no camera sees what would show it{span}{limit}",
+    "not_asked": "nothing that would show it is looked for{span}",
+    "frame": "so long take a frame and the latency of the camera that sees it",
+}
+"""What texts say of the causes."""
+
+
+def why_late(
+    cell: Cell, planned: PlannedMotion, fault: str, windows: Sequence[Window], onsets: Sequence[Onset]
+) -> LateReason:
+    """What takes longest until a fault is noticed, if it happens when that takes longest, or may never be.
+
+    windows: in which images show it. onsets: of each of its intervals, see `analysis.fault_metrics`.
+    """
+    start, end = np.array([(one.start, one.end) for one in windows]).reshape(-1, 2).T[..., None]
+    slowest = []
+    for onset in onsets:  # right after a window, too, nothing is shown until the next
+        edges = end[(end > onset.shown[0]) & (end < onset.shown[-1])] + 1e-6
+        shown = np.concatenate([onset.shown, edges])
+        x = np.concatenate([onset.x, np.interp(edges, onset.shown, onset.x)])
+        seen = np.where(end > shown, np.maximum(start, shown), np.inf).min(axis=0, initial=np.inf)
+        longest = (seen - x).max()
+        late = np.flatnonzero((seen - x >= longest - _PROMPT) | (seen - x == longest))
+        index = late[len(late) // 2]
+        slowest.append((float(longest), float(x[index]), float(shown[index]), onset))
+    delay, at, shown_at, onset = max(slowest, key=lambda one: one[0])
+    parting, total = shown_at - at, planned.motion.time
+    wait, never = delay - parting, delay == np.inf
+    cause: LateCause = "frame"
+    camera, after, words = None, None if never else delay, dict[str, object]()
+    if isinstance(onset, DropOnset) and parting > _PROMPT and (shown_at > total if never else parting >= wait):
+        index = int(np.abs(onset.lost - at).argmin())
+        cause, after = onset.causes[index].item(), None if parting > LONGEST else parting
+        until = "to the end" if after is None else f"until {after:.2f} s after"
+        camera = None if cause == "fingers_close" else cell.observer.cameras[int(onset.slowest[index])].name
+        words = {
+            "part": onset.part,
+            "after": parting,
+            "until": until + ", when the motion is over" * (never and after is not None),
+        }
+    elif wait > _PROMPT:
+        cause, camera, limit = _unseen(cell, planned, fault, 0.5 * (shown_at + min(at + delay, total)))
+        words = {
+            "span": "" if not windows else f" from {shown_at:.2f} s on" if never else f" for {wait:.2f} s",
+            "limit": limit,
+        }
+    said = _WORDS[cause].format(camera=camera, **words)
+    return LateReason(cause=cause, camera=camera, at=at, after=after, words=said)
+
+
+def _unseen(cell: Cell, planned: PlannedMotion, name: str, t: float) -> tuple[LateCause, str | None, str]:
+    """Why no image shows a fault at a time: the cause, the camera that comes nearest, and which limit it misses.
+
+    Nearest is one that sees what would show the fault at most other times, then one that misses the last of its limits.
+    """
+    targets, faults = watched_faults(planned)
+    fault, solids = next(one for one in faults if one.name == name), cell.observer.solids
+    by_fingers = is_lost_by_fingers(planned.stage, fault)
+    stage = planned.stage.once_lost() if by_fingers else planned.stage
+    times = np.sort([t, *(x for one in fault.intervals for x in np.linspace(one.start, one.end, _LOOKS))])
+    states, now = stage.states(stage.samples_at(times)), int(times.searchsorted(t))
+    for columns in fault.columns:  # of one literal, which any of them shows
+        some = [targets[column] for column in columns]
+        verdicts = cell.observer.verdicts(some, states, shares=False)
+        sees = [sees_all(boxes) for boxes in verdicts]
+        if any(one[now].sum() >= target.cameras for one, target in zip(sees, some, strict=True)):
+            continue
+        if not cell.observer.cameras:
+            return "not_seen", None, ""
+        first, _ = first_failing(verdicts[0], [now])
+        looks = zip(sees[0].sum(axis=0), first.cause[0].tolist(), first.by[0].tolist(), strict=True)
+        nearest = [(often, cause != Cause.HIDDEN or solids[by].color is None, cause, by) for often, cause, by in looks]
+        index = max(range(len(nearest)), key=lambda number: nearest[number])
+        camera, limit, by = cell.observer.cameras[index].name, Cause(nearest[index][2]), nearest[index][3]
+        if by_fingers and limit is Cause.HIDDEN and solids[by].part.parent in stage.model.fingers.links:
+            return "fingers_hide", camera, ""
+        return "not_seen", camera, f" (camera `{camera}`: {limit.by(by_name(cell, limit, by))})"
+    return "not_asked", None, ""
