@@ -27,7 +27,7 @@ from pydantic import ConfigDict, TypeAdapter
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.cell.workspace_file import check_no_workspace
 from sqrp_cli.errors import InputError, Place, bad_input
-from sqrp_cli.figures import AdvisedFigures, FaultMetrics, Qualities
+from sqrp_cli.figures import AdvisedFigures, FaultMetrics, LateReason, Qualities
 from sqrp_cli.files.input_file import read_text
 from sqrp_cli.files.json_file import parse_json
 from sqrp_cli.geometry import read_only
@@ -50,7 +50,8 @@ _LIBRARIES = ("numpy", "ruckig", "ompl", "eaik")  # libraries that figures depen
 _RECORDS = {
     record.__name__: record
     for record in (
-        *(AdvisedFigures, Aim, BlindEnd, Camera, Candidate, CandidateResult, FaultMetrics, ProposedChange, Qualities),
+        *(AdvisedFigures, Aim, BlindEnd, Camera, Candidate, CandidateResult, FaultMetrics, LateReason),
+        *(ProposedChange, Qualities),
         *(advice.AdviceFound, advice.ChangedCandidate, advice.KindOutcome, advice.Margin, advice.NearestChange),
         *(advice.TaskEffect, WayFigures, WaysFound),
     )

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from math import ceil
 from typing import TYPE_CHECKING
 
+from sqrp_cli.figures import LATE, FaultMetrics
 from sqrp_cli.study.result import CandidateResult, Criterion, SamplingDone
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ def noticed(found: CandidateResult, fault: str) -> str:
 
 
 def never_noticed(candidates: Sequence[CandidateResult]) -> list[str]:
-    """A sentence for each fault that may never be noticed: `Never noticed: no camera sees that it slips (g3)`."""
+    """A sentence for each fault that may never be noticed, with the reason: `Never noticed if it slips (g3): closed ...`."""
     found: list[str] = []
     for fault in candidates[0].faults if candidates else ():
         lost = [one for one in candidates if one.faults[fault].unseen > 0]
@@ -92,8 +93,17 @@ def never_noticed(candidates: Sequence[CandidateResult]) -> list[str]:
             whose = (
                 f" ({worst.name}{f' and {len(lost) - 1} more' if len(lost) > 1 else ''})" if len(candidates) > 1 else ""
             )
-            found.append(f"Never noticed{often}: no camera sees that {said}{whose}.")
+            why = worst.faults[fault].why
+            found.append(f"Never noticed{often} if {said}{whose}{f': {why.words}' if why else ''}.")
     return found
+
+
+def why_that_late(fault: FaultMetrics) -> str:
+    """What takes longest until a fault is noticed, if that may take longer than `LATE`; else empty."""
+    if fault.why is None or (fault.delay_worst is not None and fault.delay_worst <= LATE):
+        return ""
+    when = "Never" if fault.delay_worst is None else "At the latest"
+    return f"{when} if it happens at {fault.why.at:.2f} s: {fault.why.words}."
 
 
 def differing_parameters(candidates: Sequence[CandidateResult]) -> list[str]:

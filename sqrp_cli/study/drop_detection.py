@@ -178,14 +178,14 @@ def onset(
     literals: of the fault, with the target of each. Where the tool loses nothing in it, images show it at once.
     """
     found = _shown(stage, observer, literals, targets, interval, of_one_cell=True)
-    if found is None:
+    if found is None or not observer.cameras:
         return Onset.at_once(interval.start, interval.end)
-    x, usual, slowest = found.x, found.usual, found.each.max(axis=0, initial=-np.inf)
+    x, usual, slowest = found.x, found.usual, found.each.max(axis=0)
     fingers, closing = stage.model.fingers, 0.0  # how long they take to close behind what they lose [s]
     if fingers.joints:  # the windows are those of closed fingers
         start = stage.positions(stage.samples_at(np.array([interval.start])))[0, len(stage.model.arm) :]
         closing = move_fingers(fingers, start, fingers.closed, 0.0).duration
-    camera = found.each.argmax(axis=0) if len(found.each) else np.zeros(len(x), dtype=np.int64)
+    camera = found.each.argmax(axis=0)
     cause = np.where(slowest < x + closing, "fingers_close", found.causes[camera, np.arange(len(x))])
     slowest = np.maximum(slowest, x + closing)
     # What takes longer by more than a step is shown later at once, where between two starts is not known.

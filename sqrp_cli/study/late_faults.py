@@ -11,6 +11,7 @@ from sqrp_cli.logic.image_time import Onset, Window
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import sees_all
+from sqrp_cli.skill.target_box import fact_words
 from sqrp_cli.study.blind_spans import by_name, first_failing
 from sqrp_cli.study.drop_detection import LONGEST, DropOnset
 from sqrp_cli.study.fault_sights import is_lost_by_fingers, watched_faults
@@ -22,18 +23,14 @@ _PROMPT = 1e-3
 _LOOKS = 8
 """Other times of each interval at which it is asked which camera sees what would show a fault."""
 
-_HELD = "camera `{camera}` may take {part} for held {until}, because "
+_HELD = "camera `{camera}` may take {part} for held {until} because "
 
 _WORDS: dict[LateCause, str] = {
     "line_of_sight": _HELD + "it falls along its line of sight",
     "hardly_apart": _HELD + "tool and part are hardly apart",
     "no_place": _HELD + "it sees no place in which it would lie",
-    "not_in_place": "camera `{camera}` may not see {part} in its place {until}",
+    "not_in_place": _HELD + "it does not see it in its place",
     "fingers_close": "the fingers take {after:.2f} s to close behind {part}",
-    "fingers_hide": "closed fingers hide from camera `{camera}`{span} that nothing is between them",
-    "not_seen": "no camera sees what would show it{span}{limit}",
-    "not_asked": "nothing that would show it is looked for{span}",
-    "frame": "so long take a frame and the latency of the camera that sees it",
 }
 """What texts say of the causes."""
 
@@ -61,28 +58,22 @@ def why_late(
     wait, never = delay - parting, delay == np.inf
     cause: LateCause = "frame"
     camera, after, words = None, None if never else delay, dict[str, object]()
+    said = "so long take a frame and the latency of the camera that sees it"
     if isinstance(onset, DropOnset) and parting > _PROMPT and (shown_at > total if never else parting >= wait):
         index = int(np.abs(onset.lost - at).argmin())
         cause, after = onset.causes[index].item(), None if parting > LONGEST else parting
         until = "to the end" if after is None else f"until {after:.2f} s after"
         camera = None if cause == "fingers_close" else cell.observer.cameras[int(onset.slowest[index])].name
-        words = {
-            "part": onset.part,
-            "after": parting,
-            "until": until + ", when the motion is over" * (never and after is not None),
-        }
+        until += ", when its motion is over," if never and after is not None else ","
+        said, words = _WORDS[cause], {"part": onset.part, "after": parting, "until": until}
     elif wait > _PROMPT:
-        cause, camera, limit = _unseen(cell, planned, fault, 0.5 * (shown_at + min(at + delay, total)))
-        words = {
-            "span": "" if not windows else f" from {shown_at:.2f} s on" if never else f" for {wait:.2f} s",
-            "limit": limit,
-        }
-    said = _WORDS[cause].format(camera=camera, **words)
-    return LateReason(cause=cause, camera=camera, at=at, after=after, words=said)
+        cause, camera, said = _unseen(cell, planned, fault, 0.5 * (shown_at + min(at + delay, total)))
+        words["span"] = f" for {wait:.2f} s" if not never else f" from {shown_at:.2f} s on" if windows else ""
+    return LateReason(cause=cause, camera=camera, at=at, after=after, words=said.format(camera=camera, **words))
 
 
 def _unseen(cell: Cell, planned: PlannedMotion, name: str, t: float) -> tuple[LateCause, str | None, str]:
-    """Why no image shows a fault at a time: the cause, the camera that comes nearest, and which limit it misses.
+    """Why no image shows a fault at a time: the cause, the camera that comes nearest, and words.
 
     Nearest is one that sees what would show the fault at most other times, then one that misses the last of its limits.
     """
@@ -98,14 +89,21 @@ def _unseen(cell: Cell, planned: PlannedMotion, name: str, t: float) -> tuple[La
         sees = [sees_all(boxes) for boxes in verdicts]
         if any(one[now].sum() >= target.cameras for one, target in zip(sees, some, strict=True)):
             continue
+        who = "no camera sees" if some[0].cameras == 1 else f"fewer than {some[0].cameras} cameras see"
+        fact = fact_words(str(some[0].atom), some[0].boxes, cell.workspace.objects)
         if not cell.observer.cameras:
-            return "not_seen", None, ""
+            return "not_seen", None, f"{who} whether {fact}"
         first, _ = first_failing(verdicts[0], [now])
         looks = zip(sees[0].sum(axis=0), first.cause[0].tolist(), first.by[0].tolist(), strict=True)
         nearest = [(often, cause != Cause.HIDDEN or solids[by].color is None, cause, by) for often, cause, by in looks]
         index = max(range(len(nearest)), key=lambda number: nearest[number])
         camera, limit, by = cell.observer.cameras[index].name, Cause(nearest[index][2]), nearest[index][3]
         if by_fingers and limit is Cause.HIDDEN and solids[by].part.parent in stage.model.fingers.links:
-            return "fingers_hide", camera, ""
-        return "not_seen", camera, f" (camera `{camera}`: {limit.by(by_name(cell, limit, by))})"
-    return "not_asked", None, ""
+            return (
+                "fingers_hide",
+                camera,
+                "closed fingers hide from camera `{camera}`{span} that nothing is between them",
+            )
+        limit_words = limit.by(by_name(cell, limit, by))
+        return "not_seen", camera, f"{who} whether {fact}{{span}} (camera `{camera}`: {limit_words})"
+    return "not_asked", None, "nothing that would show it is looked for{span}"

@@ -13,7 +13,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from sqrp_cli.cell.workspace import ExpectedTask
-from sqrp_cli.figures import FaultMetrics
+from sqrp_cli.figures import FaultMetrics, LateReason
 from sqrp_cli.score.baseline import WayRecord
 from sqrp_cli.score.comparison import compare_versions
 from sqrp_cli.score.compute import Means, open_computer
@@ -106,7 +106,8 @@ EXPECTED = ExpectedTask(task="pickup", max_delay=0.1)
 
 def assessed(*, blind: float) -> CandidateResult:
     candidate = SimpleNamespace(name="g1", objects={"object": "g1"})
-    slip = FaultMetrics(0.15 + blind / 2, 0.15 + blind, blind, 0.0, 20.0)
+    why = LateReason(cause="hardly_apart", camera="cam1", at=1.0, after=0.1, words="tool and part have to part")
+    slip = FaultMetrics(0.15 + blind / 2, 0.15 + blind, blind, 0.0, 20.0, why)
     without = CandidateResult.infeasible(candidate, ())
     blind_spot = "cam1 cannot see hold(g1) behind forearm_link"
     return replace(
@@ -115,7 +116,6 @@ def assessed(*, blind: float) -> CandidateResult:
         blind_spot=blind_spot,
         time=9.0,
         faults={"slip": slip},
-        why_late="tool and part have to part",
     )
 
 

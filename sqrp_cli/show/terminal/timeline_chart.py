@@ -86,6 +86,8 @@ def print_explanation(found: Explanation) -> None:
             longest = f"; no image shows it for up to {fault.blind_longest:.2f} s" if fault.blind_longest > 0.0 else ""
             said = sentences.noticed(found, name)
             say(f"{said[0].upper()}{said[1:]}{longest}.")
+        if late := sentences.why_that_late(fault):
+            say(late)
     say_assumed(found.assumed if found.faults else "")
     say(f"\n{_camera_failures(found)}")
     says = {name.removeprefix("not "): target.says for name, target in found.targets.items()}
