@@ -70,14 +70,14 @@ LateCause = Literal[
 class LateReason(FileRecord):
     """What takes longest until a fault is noticed, if it happens when that takes longest, or may never be."""
 
-    cause: LateCause
+    kind: LateCause
     """What takes longest."""
     camera: str | None
     """The slowest camera, or of those that do not see it one that comes nearest; null where it is none of one."""
     at: Seconds
     """When the fault then happens, from the start of the skill [s]."""
     after: Seconds | None
-    """From then until the cause has passed [s]; null if it never does."""
+    """From then until that has passed [s]; null if it never does."""
     words: str
     """It in words, as the end of a sentence."""
 

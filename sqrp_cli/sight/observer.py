@@ -6,7 +6,7 @@ What cameras see is computed by the compiled kernel, see `sqrp_cli.kernel`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, fields
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +18,7 @@ from sqrp_cli.camera.projection import Projection
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.kernel.kernel import BoxVerdicts, Items, Loss
 from sqrp_cli.records import dataclass
-from sqrp_cli.sight.limits import Cause, HidingPart
+from sqrp_cli.sight.limits import SIDES, Cause, HidingPart
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.sight_memory import SEEN, UNKNOWN, UNSEEN, SightMemory
 from sqrp_cli.sight.sight_scene import SightScene
@@ -30,6 +30,17 @@ def sees_all(boxes: Sequence[BoxVerdicts]) -> Mask:
     """Whether each camera sees all boxes of a target, shape (m, c)."""
     sees: Mask = np.all([box.cause == Cause.NONE for box in boxes], axis=0)
     return sees
+
+
+def first_failing(boxes: Sequence[BoxVerdicts], rows: Indices | list[int]) -> tuple[BoxVerdicts, Indices]:
+    """The verdict on the first box that each camera does not see, for each of the m samples `rows`.
+
+    The second is the index of that box, 0 where all are seen, shape (m, c).
+    """
+    of_boxes = [np.stack([getattr(box, part.name)[rows] for box in boxes]) for part in fields(BoxVerdicts)]
+    first = (of_boxes[0] != Cause.NONE).argmax(axis=0)[None]
+    cause, by, figure, visible = (np.take_along_axis(values, first, axis=0)[0] for values in of_boxes)
+    return BoxVerdicts(cause=cause, by=by, figure=figure, visible=visible), first[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +141,18 @@ class Observer:
             ]
             found.append(tuple(sorted(some, key=lambda one: (-one.share, one.name))))
         return found
+
+    def by_name(self, cause: Cause, by: int) -> str | None:
+        """The name of a cause's culprit in output; by: see `BoxVerdicts`."""
+        match cause:
+            case Cause.HIDDEN | Cause.SAME_COLOUR | Cause.TOO_DARK:
+                return None if by < 0 else self.solids[by].name
+            case Cause.TOO_BRIGHT:
+                return list(self.lights)[by]
+            case Cause.OUT_OF_IMAGE:
+                return SIDES[by]
+            case _:
+                return None
 
     def aspects(self, boxes: Sequence[SoughtBox], states: SceneStates) -> Array:
         """How every camera faces b boxes: distance [m], incidence [rad] and size [pixels], shape (b, 3, m, c).

@@ -16,7 +16,6 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.show.documents.explanation import Verdict
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.study.blind_spans import by_name
 from sqrp_cli.study.observation import observation_of
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import FixedStep, first_samples
@@ -150,7 +149,9 @@ def _rows(cell: Cell, boxes: Sequence[BoxVerdicts], names: Sequence[str], table:
         why = Cause(of_cause)
         seen = why is Cause.NONE
         box_name = None if seen or len(boxes) == 1 else names[of_box]
-        verdict = Verdict(covered=seen, cause=why.label, by=None if seen else by_name(cell, why, of_by), box=box_name)
+        verdict = Verdict(
+            covered=seen, cause=why.label, by=None if seen else cell.observer.by_name(why, of_by), box=box_name
+        )
         indices.append(table.setdefault(verdict, len(table)))
     found: list[list[int]] = np.array(indices)[place.reshape(cause.shape)].T.tolist()
     return found

@@ -7,25 +7,22 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from itertools import groupby, pairwise
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import Annotated, cast
 
 import numpy as np
 from pydantic import Field, PlainSerializer
 
 from sqrp_cli.figures import Seconds
 from sqrp_cli.files.entries import FileRecord, SerializedAs
-from sqrp_cli.geometry import Array, Indices
-from sqrp_cli.kernel.kernel import BoxVerdicts
+from sqrp_cli.geometry import Array
 from sqrp_cli.logic.formula_time import TimeInterval, merge
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
-from sqrp_cli.sight.limits import SIDES, Cause, CauseLabel, Reason
+from sqrp_cli.sight.limits import Cause, CauseLabel, Reason
+from sqrp_cli.sight.observer import first_failing
+from sqrp_cli.study.analysis import Analysis
 from sqrp_cli.study.result import UnseenTime
-
-if TYPE_CHECKING:
-    from sqrp_cli.study.analysis import Analysis
 
 
 def cause_totals(cell: Cell, analysis: Analysis) -> tuple[UnseenTime, ...]:
@@ -46,7 +43,7 @@ def cause_totals(cell: Cell, analysis: Analysis) -> tuple[UnseenTime, ...]:
                 literal=str(target.atom),
                 camera=cell.observer.cameras[index].name,
                 cause=cast("CauseLabel", Cause(cause).label),
-                by=by_name(cell, Cause(cause), by),
+                by=cell.observer.by_name(Cause(cause), by),
                 seconds=seconds,
                 box=target.boxes[box].name if len(target.boxes) > 1 else None,
             )
@@ -55,32 +52,6 @@ def cause_totals(cell: Cell, analysis: Analysis) -> tuple[UnseenTime, ...]:
         ]
         totals += sorted(found, key=lambda total: -total.seconds)
     return tuple(totals)
-
-
-def first_failing(boxes: Sequence[BoxVerdicts], rows: Indices | list[int]) -> tuple[BoxVerdicts, Indices]:
-    """The verdict on the first box that each camera does not see, for each of the m samples `rows`.
-
-    The second is the index of that box, 0 where all are seen, shape (m, c).
-    """
-    of_boxes = [np.stack([getattr(box, part.name)[rows] for box in boxes]) for part in fields(BoxVerdicts)]
-    first = (of_boxes[0] != Cause.NONE).argmax(axis=0)[None]
-    cause, by, figure, visible = (np.take_along_axis(values, first, axis=0)[0] for values in of_boxes)
-    return BoxVerdicts(cause=cause, by=by, figure=figure, visible=visible), first[0]
-
-
-def by_name(cell: Cell, cause: Cause, by: int) -> str | None:
-    """The name of a cause's culprit in output."""
-    match cause:
-        case Cause.HIDDEN | Cause.SAME_COLOUR:
-            return cell.observer.solids[by].name
-        case Cause.TOO_DARK:
-            return None if by < 0 else cell.observer.solids[by].name
-        case Cause.TOO_BRIGHT:
-            return list(cell.observer.lights)[by]
-        case Cause.OUT_OF_IMAGE:
-            return SIDES[by]
-        case _:
-            return None
 
 
 def sample_weights(analysis: Analysis) -> Array:
@@ -179,7 +150,9 @@ def coverage_of(cell: Cell, analysis: Analysis) -> Coverage:
                     end = t[after]
                 cause = Cause(code)
                 if cause is not Cause.NONE and end > start:
-                    spans.append((TimeInterval(start, end), Reason(cause=cause.label, by=by_name(cell, cause, by))))
+                    spans.append(
+                        (TimeInterval(start, end), Reason(cause=cause.label, by=cell.observer.by_name(cause, by)))
+                    )
             blind[camera.name] = tuple(spans)
         targets[str(target.atom)] = TargetCoverage(target.cameras, required, blind)
     return Coverage({primitive.name: primitive.end for primitive in planned.motion.primitives}, targets)

@@ -14,8 +14,9 @@ import numpy as np
 from sqrp_cli.geometry import Indices
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.limits import Cause, HidingPart
+from sqrp_cli.sight.observer import first_failing
 from sqrp_cli.study.analysis import Analysis
-from sqrp_cli.study.blind_spans import first_failing, sample_weights
+from sqrp_cli.study.blind_spans import sample_weights
 from sqrp_cli.study.result import HiddenTarget
 
 _VIEWS = 4000

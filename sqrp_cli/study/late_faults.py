@@ -10,9 +10,8 @@ from sqrp_cli.figures import LateCause, LateReason
 from sqrp_cli.logic.image_time import Onset, Window
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.sight.observer import sees_all
+from sqrp_cli.sight.observer import first_failing, sees_all
 from sqrp_cli.skill.target_box import fact_words
-from sqrp_cli.study.blind_spans import by_name, first_failing
 from sqrp_cli.study.drop_detection import LONGEST, DropOnset
 from sqrp_cli.study.fault_sights import is_lost_by_fingers, watched_faults
 from sqrp_cli.study.timeline import PlannedMotion
@@ -69,7 +68,7 @@ def why_late(
     elif wait > _PROMPT:
         cause, camera, said = _unseen(cell, planned, fault, 0.5 * (shown_at + min(at + delay, total)))
         words["span"] = f" for {wait:.2f} s" if not never else f" from {shown_at:.2f} s on" if windows else ""
-    return LateReason(cause=cause, camera=camera, at=at, after=after, words=said.format(camera=camera, **words))
+    return LateReason(kind=cause, camera=camera, at=at, after=after, words=said.format(camera=camera, **words))
 
 
 def _unseen(cell: Cell, planned: PlannedMotion, name: str, t: float) -> tuple[LateCause, str | None, str]:
@@ -104,6 +103,6 @@ def _unseen(cell: Cell, planned: PlannedMotion, name: str, t: float) -> tuple[La
                 camera,
                 "closed fingers hide from camera `{camera}`{span} that nothing is between them",
             )
-        limit_words = limit.by(by_name(cell, limit, by))
+        limit_words = limit.by(cell.observer.by_name(limit, by))
         return "not_seen", camera, f"{who} whether {fact}{{span}} (camera `{camera}`: {limit_words})"
     return "not_asked", None, "nothing that would show it is looked for{span}"

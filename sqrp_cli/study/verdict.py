@@ -19,12 +19,11 @@ from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import Cause, Reason
-from sqrp_cli.sight.observer import sees_all
+from sqrp_cli.sight.observer import first_failing, sees_all
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import Target
 from sqrp_cli.skill.target_box import fact_words
 from sqrp_cli.study.analysis import Observed
-from sqrp_cli.study.blind_spans import by_name, first_failing
 from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult
 
 _LOOKS, _LOOKS_OF_SEVERAL = 5, 25
@@ -207,7 +206,7 @@ def explain_blind_spot(cell: Cell, observed: Observed, rows: Indices) -> BlindSp
         if missed:
             (code, by), figures = max(missed.items(), key=lambda kind: len(kind[1]))
             cause, partly = Cause(code), sum(map(len, missed.values())) < len(looked)
-            label, who, missing = cause.label, by_name(cell, cause, by), float(np.mean(figures))
+            label, who, missing = cause.label, cell.observer.by_name(cause, by), float(np.mean(figures))
             causes.append(CameraCause(camera=name, cause=label, by=who, figure=missing, partly=partly))
     changed = _least_change(cell, observed, worst, rows, causes)
     # A change that closes the gap comes first; else one who sees it before or after is nearest to seeing it.

@@ -106,7 +106,7 @@ EXPECTED = ExpectedTask(task="pickup", max_delay=0.1)
 
 def assessed(*, blind: float) -> CandidateResult:
     candidate = SimpleNamespace(name="g1", objects={"object": "g1"})
-    why = LateReason(cause="hardly_apart", camera="cam1", at=1.0, after=0.1, words="tool and part have to part")
+    why = LateReason(kind="hardly_apart", camera="cam1", at=1.0, after=0.1, words="tool and part have to part")
     slip = FaultMetrics(0.15 + blind / 2, 0.15 + blind, blind, 0.0, 20.0, why)
     without = CandidateResult.infeasible(candidate, ())
     blind_spot = "cam1 cannot see hold(g1) behind forearm_link"

@@ -70,7 +70,7 @@ def test_what_takes_longest_is_named(
     found = {"part": "g1", "lost": x, "slowest": np.zeros(2, dtype=int), "causes": np.array(["line_of_sight"] * 2)}
     onset = DropOnset(x, x + np.array([lag, lag if lag > 4 else 0.0]), **found)
     reason = why_late(cell, planned, "slip", [Window(*ends, 0.1, 0.05) for ends in windows], [onset])
-    assert reason.cause == cause
+    assert reason.kind == cause
     assert reason.words.startswith(says)
 
 
@@ -84,7 +84,7 @@ def test_without_the_camera_that_is_named_a_fault_is_noticed_sooner(tmp_path: Pa
     known, less = (slip(cell, planned, without=name) for name in ("", "below"))
     assert known.why is not None
     assert known.why.camera == "below"
-    assert known.why.cause in ("line_of_sight", "no_place")
+    assert known.why.kind in ("line_of_sight", "no_place")
     assert (known.delay_worst, known.why.after) == (None, None)
     assert less.delay_worst is not None
     assert less.delay_worst < 0.6

@@ -29,7 +29,7 @@ from sqrp_cli.show.documents.explanation import (
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.skill.target_box import fact_words
 from sqrp_cli.study.analysis import Analysis
-from sqrp_cli.study.blind_spans import by_name, cause_totals
+from sqrp_cli.study.blind_spans import cause_totals
 from sqrp_cli.study.in_the_way import HiddenViews, hidden_views, in_the_way, to_move
 from sqrp_cli.study.pipeline import sampling_done
 from sqrp_cli.study.result import CandidateResult
@@ -143,7 +143,7 @@ def _coverage(
         return BoxVerdict(
             covered=cause is Cause.NONE,
             cause=cause.label,
-            by=by_name(cell, cause, int(boxes.by[row, camera])),
+            by=cell.observer.by_name(cause, int(boxes.by[row, camera])),
             visible=finite_or_none(visible),
             hidden_by=parts,
             sight=sight,

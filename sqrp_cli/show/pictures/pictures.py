@@ -23,9 +23,9 @@ from sqrp_cli.show.pictures import drawing
 from sqrp_cli.show.pictures.camera_image import Photographer, check_rays
 from sqrp_cli.show.sentences import part_shares_in_words
 from sqrp_cli.sight.limits import Cause
+from sqrp_cli.sight.observer import first_failing
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.study.analysis import Analysis
-from sqrp_cli.study.blind_spans import by_name, first_failing
 from sqrp_cli.study.in_the_way import HiddenViews, hidden_views
 from sqrp_cli.study.verdict import stretches
 
@@ -123,7 +123,7 @@ def _picture(
         why = "covered"
         if cause != Cause.NONE:
             which = f"box {target.boxes[number].name} is " if len(target.boxes) > 1 else ""
-            why = which + Cause(cause).by(by_name(cell, Cause(cause), by))
+            why = which + Cause(cause).by(cell.observer.by_name(Cause(cause), by))
         captions.append((f"{target.atom}: {why}", COVERED if why == "covered" else HIDDEN))
         if parts := views[column][number].get((row, index)):
             hidden = sum(part.share for part in parts)
