@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from math import ceil
 from typing import TYPE_CHECKING
 
-from sqrp_cli.figures import LATE, FaultMetrics
+from sqrp_cli.figures import LATE
 from sqrp_cli.study.result import CandidateResult, Criterion, SamplingDone
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def noticed(found: CandidateResult, fault: str) -> str:
 
 
 def never_noticed(candidates: Sequence[CandidateResult]) -> list[str]:
-    """A sentence for each fault that may never be noticed, with the reason: `Never noticed if it slips (g3): closed ...`."""
+    """A sentence for each fault that may never be noticed, and why: `Never noticed if it slips (g3): closed ...`."""
     found: list[str] = []
     for fault in candidates[0].faults if candidates else ():
         lost = [one for one in candidates if one.faults[fault].unseen > 0]
@@ -98,12 +98,14 @@ def never_noticed(candidates: Sequence[CandidateResult]) -> list[str]:
     return found
 
 
-def why_that_late(fault: FaultMetrics) -> str:
-    """What takes longest until a fault is noticed, if that may take longer than `LATE`; else empty."""
-    if fault.why is None or (fault.delay_worst is not None and fault.delay_worst <= LATE):
-        return ""
-    when = "Never" if fault.delay_worst is None else "At the latest"
-    return f"{when} if it happens at {fault.why.at:.2f} s: {fault.why.words}."
+def noticed_late(found: CandidateResult) -> list[str]:
+    """A sentence for each fault of a candidate that is noticed late, but surely: when it happens then, and why."""
+    late = [(one.delay_worst, one.why) for one in found.faults.values()]
+    return [
+        f"It takes {worst:.2f} s if it happens at {why.at:.2f} s: {why.words}."
+        for worst, why in late
+        if worst is not None and worst > LATE and why is not None
+    ]
 
 
 def differing_parameters(candidates: Sequence[CandidateResult]) -> list[str]:

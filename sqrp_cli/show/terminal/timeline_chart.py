@@ -64,7 +64,7 @@ def print_explanation(found: Explanation) -> None:
             say(f"- {reason}")
         return
     say(f"{title}: {sentences.what_it_means(found)}", "bold")
-    for sentence in sentences.never_noticed([found]):
+    for sentence in (*sentences.never_noticed([found]), *sentences.noticed_late(found)):
         say(sentence)
     say(" ".join(filter(None, (found.verdict, sentences.what_to_move(found.to_move)))))
     rank = "cannot be done" if found.rank is None else f"rank {found.rank}"
@@ -86,8 +86,6 @@ def print_explanation(found: Explanation) -> None:
             longest = f"; no image shows it for up to {fault.blind_longest:.2f} s" if fault.blind_longest > 0.0 else ""
             said = sentences.noticed(found, name)
             say(f"{said[0].upper()}{said[1:]}{longest}.")
-        if late := sentences.why_that_late(fault):
-            say(late)
     say_assumed(found.assumed if found.faults else "")
     say(f"\n{_camera_failures(found)}")
     says = {name.removeprefix("not "): target.says for name, target in found.targets.items()}
