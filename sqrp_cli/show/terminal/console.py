@@ -134,7 +134,7 @@ def print_table(columns: Sequence[Column], rows: Iterable[Sequence[TableCell]]) 
         for row in cells:
             table.add_row(*row)
         for segments in console.render_lines(table, pad=False):  # Rich would pad the last column with blanks
-            line = Text.assemble(*((segment.text, segment.style or "") for segment in segments))
+            line = Text.assemble(*((segment.text.replace(_KEPT, " "), segment.style or "") for segment in segments))
             line.rstrip()
             _put(console, line)
         return
@@ -162,6 +162,8 @@ def _laid_out(
     for row in rows:
         shown = (cell if isinstance(cell, Styled) else percentage(cell, bar=bars) for cell in row)
         cells.append([cell if isinstance(cell, Text) else Text(one_line(cell)) for cell in shown])
+        for column, cell in zip(columns, cells[-1], strict=True):
+            cell.plain = _BEFORE_UNIT.sub(_KEPT, cell.plain) if column.shrink else cell.plain
     titles = ["\n".join(one_line(line) for line in column.title.split("\n")) for column in columns]
     total = 2 * (len(columns) - 1)
     for number, column in enumerate(columns):

@@ -123,7 +123,7 @@ def print_ways(candidates: Iterable[CandidateResult]) -> None:
         if one.ways is not None and one.ways.pareto:
             known = f"{one.ways.feasible} of {one.ways.tried} ways can be done"
             say(f"\n{one.name}: {known}; none is better than these in everything:")
-            titles = "critical time\nseen [%]", "time seen\n[%]", "takes\n[s]", "noticed at\nthe latest [s]"
+            titles = "critical\ntime\nseen [%]", "time\nseen\n[%]", "takes\n[s]", "noticed\nat the\nlatest [s]"
             columns = [Column("way"), *numbers(*titles)]
             worst = [delay(way.delay_worst, way.unseen) for way in one.ways.pareto]
             rows = [

@@ -81,8 +81,9 @@ def print_explanation(found: Explanation) -> None:
     legend = dict.fromkeys(f"{s} {words}" for cause, (s, _, words) in SIGNS.items() if cause not in {*SELDOM} - seen)
     _say_pieces([found])
     say(styled(unbroken([*legend, "- not seen", "· need not be seen"], "  "), "dim"))
-    for name, fault in found.faults.items():
-        if len(found.faults) > 1 or fault.blind_longest > 0.0:
+    if len(found.faults) > 1 or any(fault.blind_longest > 0.0 for fault in found.faults.values()):
+        say()
+        for name, fault in found.faults.items():
             longest = f"; no image shows it for up to {fault.blind_longest:.2f} s" if fault.blind_longest > 0.0 else ""
             said = sentences.noticed(found, name)
             say(f"{said[0].upper()}{said[1:]}{longest}.")
