@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from sqrp_cli.cli.main import run
 from tests.cells import copied
@@ -25,24 +26,29 @@ SHOW_G1 = "() => sqrp.select(3).then(() => { sqrp.look(null); sqrp.seek(5.2); })
 
 
 def save(picture: Image.Image, name: str, width: int = 1280) -> None:
-    """A small PNG: at most `width` pixels wide."""
+    """A small PNG: at most `width` pixels wide. Words that are shown are kept in it, as its `Description`."""
+    words = PngInfo()
+    words.add_itxt("Description", picture.info.get("words", ""))
     picture = picture.convert("RGB")
     if picture.width > width:
         size = (width, round(picture.height * width / picture.width))
         picture = picture.resize(size, Image.Resampling.LANCZOS)
-    picture.save(DOCS / name, optimize=True)
+    picture.save(DOCS / name, optimize=True, pnginfo=words)
 
 
 def shown(browser: Any, page: Path, script: str) -> Image.Image:
-    """A page down to what it says about the one that is chosen, after a script."""
+    """A page down to what it says about the one that is chosen, after a script; its `words` are those of the page."""
     opened = Opened(browser, page)
-    opened.page.set_viewport_size({"width": 1280, "height": 900})
+    opened.page.set_viewport_size({"width": 1400, "height": 1040})
     opened.js(script)
     opened.page.wait_for_timeout(1000)
     shot = Image.open(io.BytesIO(opened.page.screenshot(full_page=True)))
     bottom = opened.js("document.querySelector('#candidate').getBoundingClientRect().bottom + scrollY")
+    words = opened.page.inner_text("body")
     opened.context.close()
-    return shot.crop((0, 0, shot.width, round(bottom) + 16))
+    cropped = shot.crop((0, 0, shot.width, round(bottom) + 16))
+    cropped.info["words"] = words
+    return cropped
 
 
 def studio(browser: Any, folder: Path) -> Image.Image:

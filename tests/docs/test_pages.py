@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from PIL import Image
 
 from sqrp_cli import __version__
 from sqrp_cli.cli.app import app
@@ -107,3 +108,12 @@ def test_the_changes_begin_with_the_version() -> None:
     newest = re.search(r"^## (\S+),", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
     assert newest is not None
     assert newest[1] == __version__
+
+
+def test_pictures_show_the_figures_that_commands_print() -> None:
+    pictures = {name: Image.open(ROOT / "docs" / "pictures" / f"{name}.png").info["Description"] for name in ("report", "run")}
+    rows = re.findall(r"^\d+ [ *] +\w+ .*?((?: +[\d.]+){6})$", (ROOT / "README.md").read_text(), re.MULTILINE)
+    assert len(rows) == 5
+    assert {figure for row in rows for figure in row.split()} <= {*re.split(r"[^\d.]+", pictures["report"])}
+    (slipped,) = re.findall(r"Here the cube has slipped at ([\d.]+) s", (ROOT / "docs" / "howto" / "run.md").read_text())
+    assert slipped in pictures["run"]
