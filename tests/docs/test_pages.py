@@ -111,9 +111,13 @@ def test_the_changes_begin_with_the_version() -> None:
 
 
 def test_pictures_show_the_figures_that_commands_print() -> None:
-    pictures = {name: Image.open(ROOT / "docs" / "pictures" / f"{name}.png").info["Description"] for name in ("report", "run")}
+    pictures = {
+        name: Image.open(ROOT / "docs" / "pictures" / f"{name}.png").info["Description"] for name in ("report", "run")
+    }
     rows = re.findall(r"^\d+ [ *] +\w+ .*?((?: +[\d.]+){6})$", (ROOT / "README.md").read_text(), re.MULTILINE)
     assert len(rows) == 5
     assert {figure for row in rows for figure in row.split()} <= {*re.split(r"[^\d.]+", pictures["report"])}
-    (slipped,) = re.findall(r"Here the cube has slipped at ([\d.]+) s", (ROOT / "docs" / "howto" / "run.md").read_text())
+    (slipped,) = re.findall(
+        r"Here the cube has slipped at ([\d.]+) s", (ROOT / "docs" / "howto" / "run.md").read_text()
+    )
     assert slipped in pictures["run"]
