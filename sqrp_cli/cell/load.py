@@ -19,7 +19,7 @@ from sqrp_cli.cell.read_robot import RobotReader
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import ExpectedTask, Workspace, WorkspaceFile
 from sqrp_cli.cell.workspace_file import read_workspace_document, workspace_file, workspace_name
-from sqrp_cli.errors import InputError, Place, Problem, counted, expected_names, no_such
+from sqrp_cli.errors import InputError, Place, Problem, counted, expected_names, first_names, no_such
 from sqrp_cli.files.frames import AT_START, TOOL, WORLD, WORLD_LINK, link_called
 from sqrp_cli.files.input_file import SourceFile, source_file
 from sqrp_cli.files.packages import from_folder
@@ -93,8 +93,17 @@ def check_skill(
                 what, valid = "neither a link nor an object, a skill parameter or `tool`", [TOOL, *named, *links]
                 names.append(((*at, "encloses", number), "enclosed", link_called(name, links), valid, what))
             names.append(((*at, "detector"), "detector", box.detector, detectors, "no detector of the workspace"))
-    for key, kind, name, known, what in names:
-        if name not in known:
+    unknown = [(key, kind, name, known, what) for key, kind, name, known, what in names if name not in known]
+    # A skill for another robot names its links in many boxes.
+    boxes = [one for one in unknown if one[0][0] == "targets" and one[1] in ("frame", "enclosed")]
+    lacking = {name: key for key, _, name, _, _ in reversed(boxes)}  # where each is named first
+    if len(lacking) > 1:
+        message = f"skill `{skill.name}` needs the links {first_names([*reversed(lacking)])}"
+        mend = "use a robot or tool that has them, or change `frame` and `encloses` in the skill"
+        place = skill.place(*boxes[0][0])
+        yield Problem("unknown-frame", f"{message}, which this robot and its tool lack", place, mend=mend)
+    for key, kind, name, known, what in unknown:
+        if name not in lacking or (len(lacking) == 1 and lacking[name] == key):
             message = f"`{dotted(key)}`: found `{name}`, which is {what}; {expected_names(name, known)}"
             yield Problem(f"unknown-{kind}", message, skill.place(*key))
     condition, domain = skill.action.precondition, skill.domain

@@ -17,7 +17,7 @@ from sqrp_cli.errors import Problem
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.files.usual_values import FIELD_OF_VIEW, FISHEYE_VIEW, MOST_STRETCHED
 from sqrp_cli.geometry import Array, box_corners, inverse, transform
-from sqrp_cli.shapes import Mesh, contains, half_extents
+from sqrp_cli.shapes import Box, Mesh, contains, half_extents
 
 MOST_BENT = 3.0
 """By which factor a lens with polynomial distortion may bend the middle of an image's sides in or out."""
@@ -27,6 +27,9 @@ MOST_ASIDE = 0.5
 
 MOST_OFF_CENTRE = 0.25
 """How far a principal point may be from the middle of an image, as a share of the way to its edge."""
+
+_TOUCHING = 1e-6
+"""Share of a line of sight that may be in something that only touches it."""
 
 _WIDEST = 1e3
 """Radius in the plane z = 1 that no such lens reaches."""
@@ -105,10 +108,35 @@ def blind_cameras(workspace: Workspace) -> Iterator[Problem]:
             message = f"camera `{camera.name}` is inside `{around}`, which hides everything from it"
             mend = f"move one of them; if `{around}` is the camera's own housing, leave it out of the workspace"
             yield Problem("camera-inside-object", message, place, severity="warning", mend=mend)
-        elif shown and not sees_any(camera, camera.X_FC, points):
+            continue
+        depths = _depths_in_image(camera, camera.X_FC, points)
+        seen = points[(depths >= camera.near) & (depths <= camera.far)]
+        above = next(_above(workspace, camera.X_FC[:3, 3], seen if len(seen) else points), None) if shown else None
+        if above is not None:
+            why, mend = f"it is under `{above[0]}`", f"move it above z = {above[1]:.3g} m, the top of `{above[0]}`"
+        elif shown and not len(seen):
             why, mend = _why_blind(workspace, camera, shown)
-            message = f"camera `{camera.name}` sees none of the objects: {why}"
-            yield Problem("camera-sees-nothing", message, place, severity="warning", mend=mend)
+        else:
+            continue
+        message = f"camera `{camera.name}` sees none of the objects: {why}"
+        yield Problem("camera-sees-nothing", message, place, severity="warning", mend=mend)
+
+
+def _above(workspace: Workspace, eye: Array, points: Array) -> Iterator[tuple[str, float]]:
+    """Fixed boxes above an eye, between it and each of the points (n, 3): the object, and its highest z [m]."""
+    for item in workspace.objects.values():
+        for part in item.parts if item.fixed else ():
+            if item.X_WO is None or not isinstance(part.shape, Box):
+                continue
+            X_WG, half = item.X_WO @ part.X_PG, 0.5 * np.asarray(part.shape.size)
+            middle, up = float(X_WG[2, 3]), float(half_extents(part.shape, X_WG[:3, :3])[2])
+            start, ends = transform(inverse(X_WG), eye[None])[0], transform(inverse(X_WG), points)
+            way = np.where(ends == start, 1e-12, ends - start)
+            # Where the segment enters and leaves the slabs between opposite sides, as shares of its length.
+            sides = np.stack([(-half - start) / way, (half - start) / way])
+            enters, leaves = sides.min(axis=0).max(axis=1), sides.max(axis=0).min(axis=1)
+            if eye[2] < middle - up and np.all(np.minimum(leaves, 1.0) - np.maximum(enters, 0.0) > _TOUCHING):
+                yield item.name, middle + up
 
 
 def shown_objects(workspace: Workspace) -> Sequence[SceneObject]:
@@ -205,6 +233,7 @@ def _why_blind(workspace: Workspace, camera: Camera, objects: Sequence[SceneObje
     """Why a camera sees none of these objects, and how to mend it."""
     points = points_of(objects)
     depths = _depths_in_image(camera, camera.X_FC, points)
+    depths = depths[~np.isnan(depths)]
     if len(depths):
         beyond = depths.min() > camera.far
         closest = f"{depths.min():.2f} m away or more" if beyond else f"{depths.max():.2f} m away or less"
@@ -234,7 +263,7 @@ def sees_any(camera: Camera, X_WC: Array, points: Array) -> bool:
 
 
 def _depths_in_image(camera: Camera, X_WC: Array, points: Array) -> Array:
-    """Depths [m] of the points (n, 3) that are in a camera's image, lens distortion ignored."""
+    """Depths [m] of the points (n, 3) in a camera, nan for those not in its image, lens distortion ignored."""
     x, y, z = transform(inverse(X_WC), points).T
     ahead = z > 0
     depth = np.where(ahead, z, 1.0)
@@ -245,8 +274,7 @@ def _depths_in_image(camera: Camera, X_WC: Array, points: Array) -> Array:
     u = camera.matrix[0, 0] * x + camera.matrix[0, 2]
     v = camera.matrix[1, 1] * y + camera.matrix[1, 2]
     in_image = (u >= -0.5) & (u <= camera.width - 0.5) & (v >= -0.5) & (v <= camera.height - 0.5)
-    found: Array = z[ahead & in_image]
-    return found
+    return np.where(ahead & in_image, z, np.nan)
 
 
 def points_of(objects: Sequence[SceneObject]) -> Array:

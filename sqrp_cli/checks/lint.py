@@ -154,7 +154,8 @@ def colors(workspace: Workspace) -> Iterator[Problem]:
         else:
             known = expected_names(color, [name for name in COLORS if hue_of(name) is not None])
             why = ", which has no hue" if color.lower() in COLORS else f"; {known}"
-            message, place = f"{who}, and see nothing that is `{color}`{why}", f"{place}.color"
+            message = f"no detector of colours sees `{color}`, the colour of {first_names(parts)}{why}"
+            place = f"{place}.color"
         mend = "give it a colour with a hue, or look for markers"
         yield Problem("unseen-colour", message, workspace.places.get(place), severity="warning", mend=mend)
     for name, parts in alike.items():

@@ -104,7 +104,7 @@ def overlapping_objects(workspace: Workspace) -> Iterator[Problem]:
     if involved:
         names = sorted(involved, key=list(workspace.objects).index)
         quoted = ", ".join(f"`{name}`" for name in names)
-        message = f"in one place with other objects, by measures whose unit is doubted: {quoted}"
+        message = f"{quoted} would be in one place with other objects, probably by the unit of a size or position"
         mend = "write the sizes and positions that the warnings name with their unit"
         yield Problem("overlapping-objects", message, doubted[names[0]].place, mend=mend)
 

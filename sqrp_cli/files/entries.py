@@ -113,6 +113,23 @@ PoseMatrix = Annotated[
 """A pose, shape (4, 4), which a file writes as nested rows; whether it is one is not checked."""
 
 
+MOST_DEGREES = 720.0
+"""Number up to which an angle without unit was probably meant in degrees."""
+
+_MEANT = {
+    **dict.fromkeys(("fps", "framerate", "frame_rate", "frequency", "hz"), ("rate",)),
+    **dict.fromkeys(("fov", "hfov", "resolution", "intrinsics"), ("horizontal_fov", "image")),
+    **dict.fromkeys(("xyz", "translation", "origin", "location"), ("position", "pose")),
+    **dict.fromkeys(("rotation", "euler", "orientation"), ("rpy",)),
+    **dict.fromkeys(("parent", "link", "frame_id"), ("frame",)),
+    "colour": ("color",),
+    "delay": ("latency",),
+    "dimensions": ("size",),
+    "quat": ("quaternion",),
+}
+"""Keys as other tools call them, each with those here that may be meant."""
+
+
 def _with_declared_keys(record: type, keys: Mapping[str, bool], data: object) -> object:
     """The data of a record, or the record. keys: whether each is required.
 
@@ -123,7 +140,10 @@ def _with_declared_keys(record: type, keys: Mapping[str, bool], data: object) ->
     if not isinstance(data, dict):
         needed = [key for key, required in keys.items() if required]
         raise PydanticCustomError("no-mapping", "no mapping", {"keys": needed or list(keys)})
-    unknown = {str(key): expected_names(str(key), keys) for key in data if key not in keys}
+    unknown = dict[str, str]()
+    for key in (str(one) for one in data if one not in keys):
+        meant = [name for name in _MEANT.get(key.lower(), ()) if name in keys]
+        unknown[key] = f"did you mean `{meant[0]}`?" if meant else expected_names(key, keys)
     if unknown:
         raise PydanticCustomError("unknown-key", "unknown key", {"keys": unknown})
     return data
@@ -198,7 +218,8 @@ class In:
         if read is None or read.dimension not in (None, self.dimension):
             raise refused("wrong-unit", f"{found}, expected {expected}")
         if read.dimension is None and self.dimension is units.ANGLE and abs(read.value) > units.TURN:
-            raise refused("wrong-unit", f"{found}, which would be radians; expected {expected}")
+            likely = f"; did you mean `{read.value:g} deg`?" if abs(read.value) <= MOST_DEGREES else ""
+            raise refused("wrong-unit", f"{found}, which would be radians; expected {expected}{likely}")
         if not self.least <= read.value <= self.most:
             word, bound = ("least", self.least) if read.value < self.least else ("most", self.most)
             meant = units.meant_instead(value, self.dimension, self.least, self.most)
