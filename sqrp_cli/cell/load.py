@@ -95,12 +95,14 @@ def check_skill(
             names.append(((*at, "detector"), "detector", box.detector, detectors, "no detector of the workspace"))
     unknown = [(key, kind, name, known, what) for key, kind, name, known, what in names if name not in known]
     # A skill for another robot names its links in many boxes.
-    boxes = [one for one in unknown if one[0][0] == "targets" and one[1] in ("frame", "enclosed")]
-    lacking = {name: key for key, _, name, _, _ in reversed(boxes)}  # where each is named first
+    lacking = dict[str, KeyPath]()  # where each is named first
+    for key, kind, name, _, _ in unknown:
+        if key[0] == "targets" and kind in ("frame", "enclosed"):
+            lacking.setdefault(name, key)
     if len(lacking) > 1:
-        message = f"skill `{skill.name}` needs the links {first_names([*reversed(lacking)])}"
+        message = f"skill `{skill.name}` needs the links {first_names([*lacking])}"
         mend = "use a robot or tool that has them, or change `frame` and `encloses` in the skill"
-        place = skill.place(*boxes[0][0])
+        place = skill.place(*next(iter(lacking.values())))
         yield Problem("unknown-frame", f"{message}, which this robot and its tool lack", place, mend=mend)
     for key, kind, name, known, what in unknown:
         if name not in lacking or (len(lacking) == 1 and lacking[name] == key):

@@ -188,6 +188,15 @@ class RobotReader:
             if not arm:
                 message = f"no joint moves `{self.tool_frame}`; expected a link at the end of the arm"
                 self.report("unmoved-tool-frame", ("robot", "tool_frame"), message)
+            driven_by = self.entry.fingers.open if self.entry.fingers is not None else {}
+            # A joint that only the fingers state is none of the arm.
+            moving = next((one.name for one in arm if one.name in driven_by and one.name not in self.entry.home), None)
+            if moving is not None:
+                message = (
+                    f"`{self.tool_frame}` is on a finger, which `{moving}` moves; expected what carries the fingers"
+                )
+                mend = "name the link that carries the fingers, or state in `robot.tool.frame` where they grasp"
+                raise self.document.error("tool-frame-on-finger", ("robot", "tool_frame"), message, mend)
             if len(arm) > MAX_ARM_JOINTS:
                 message = f"{len(arm)} joints move `{self.tool_frame}`, expected at most {MAX_ARM_JOINTS} in an arm"
                 raise bad_input("too-many-joints", message, arm[MAX_ARM_JOINTS].place)

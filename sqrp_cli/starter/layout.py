@@ -171,10 +171,6 @@ def workspace_text(layout: Layout) -> str:
             stands = f"pose: {{position: {_vector(cube.position)}{turn}}}, on: table"
             text += f"  {cube.name}: {{type: cube, color: {cube.color}, size: [{edge}], {stands}}}\n"
     if layout.cubes:
-        text += (
-            "\nstate:                      # what the sensors report now; every other fact is false\n  - hand_empty\n"
-        )
-        text += "".join(f"  - obj_on_table({cube.name})\n" for cube in layout.cubes)
         text += f"\ntasks:\n  - {{task: {TASK}}}\n"
     return text if layout.guessed else re.sub(r"  # check: .*", "", text)
 
