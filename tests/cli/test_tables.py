@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from sqrp_cli.errors import Problem
 from sqrp_cli.run.record.events import event
 from sqrp_cli.show.terminal import console, progress_lines
 from sqrp_cli.show.terminal.run_view import live_view
@@ -201,3 +202,16 @@ def test_a_number_is_not_parted_from_its_unit(monkeypatch, width):
     lines = out.getvalue().splitlines()
     assert not [line for line in lines if re.match(r"(s|deg)\b", line)]
     assert " ".join(lines) == "then delay is 0.74 s, not 0.5 s (cam1 is 30 deg too oblique, 20 percent)"
+
+
+@pytest.mark.parametrize(("terminal", "lines"), [
+        (True, ["error: `cameras.cam1.fps` is no", "    known key; did you mean `rate`?", "  to mend it: sqrp schema workspace"]),
+        (False, ["error: `cameras.cam1.fps` is no known key; did you mean `rate`?", "  to mend it: sqrp schema workspace"]),
+])  # fmt: skip
+def test_errors_are_folded_in_a_terminal_but_for_commands(monkeypatch, terminal, lines):
+    shown = io.StringIO()
+    written = Console(file=shown, force_terminal=terminal, width=37, color_system=None)
+    monkeypatch.setattr(console, "diagnostics", lambda: written)
+    message = "`cameras.cam1.fps` is no known key; did you mean `rate`?"
+    console.print_problems([Problem("unknown-key", message, mend="sqrp schema workspace")])
+    assert shown.getvalue().splitlines() == lines

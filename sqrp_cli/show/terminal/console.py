@@ -38,6 +38,9 @@ LEAST_FOLDED = 16  # least width of a column with folded text [cells]
 _BEFORE_UNIT = re.compile(r"(?<=[0-9]) (?=(?:s|ms|%|m|mm|cm|deg|px|Hz|points?)(?![A-Za-z]))")
 """A space between a number and its unit, where no line is folded."""
 
+_COMMAND = re.compile(r"\b(?:sqrp|pip|uv|git) [a-z]")
+"""Of a line that is copied, and so never folded."""
+
 _KEPT = "\ue000"  # stands for that space meanwhile, as no text has it
 SEVERITY_STYLES = {"error": "bold red", "warning": "yellow"}  # styles of errors and warnings
 
@@ -273,12 +276,22 @@ def print_problems(problems: Iterable[Problem]) -> None:
         if problem.place is not None:
             line.append(f"{one_line(str(problem.place))}: ", style="bold")
         line.append(one_line(problem.message))
-        _put(console, line)
+        _put_folded(console, line)
         if problem.excerpt and problem.excerpt.partition("\n")[0].strip():
             for part in problem.excerpt.split("\n"):
                 _put(console, styled(part.expandtabs(), "dim"))
         if problem.mend:
-            _put(console, Text.assemble(("  to mend it: ", "dim"), one_line(problem.mend)))
+            _put_folded(console, Text.assemble(("  to mend it: ", "dim"), one_line(problem.mend)))
+
+
+def _put_folded(console: Console, line: Text) -> None:
+    """Print a line, folded between words in a terminal; in a file it stays one, and so does a line with a command."""
+    if not console.is_terminal or _COMMAND.search(line.plain):
+        _put(console, line)
+        return
+    for number, part in enumerate(line.wrap(console, max(console.width, LEAST_WIDTH) - 4)):
+        part.rstrip()
+        _put(console, Text.assemble("    " * bool(number), part))
 
 
 def percentage(share: float | None, *, bar: bool) -> Text:
