@@ -205,13 +205,13 @@ def test_a_number_is_not_parted_from_its_unit(monkeypatch, width):
 
 
 @pytest.mark.parametrize(("terminal", "lines"), [
-        (True, ["error: `cameras.cam1.fps` is no", "    known key; did you mean `rate`?", "  to mend it: sqrp schema workspace"]),
-        (False, ["error: `cameras.cam1.fps` is no known key; did you mean `rate`?", "  to mend it: sqrp schema workspace"]),
+        (True, ["error: `cameras.cam1.fps` is no", "    known key; did you mean `rate`?", "  to mend it: sqrp rules -v x"]),
+        (False, ["error: `cameras.cam1.fps` is no known key; did you mean `rate`?", "  to mend it: sqrp rules -v x"]),
 ])  # fmt: skip
 def test_errors_are_folded_in_a_terminal_but_for_commands(monkeypatch, terminal, lines):
     shown = io.StringIO()
     written = Console(file=shown, force_terminal=terminal, width=37, color_system=None)
     monkeypatch.setattr(console, "diagnostics", lambda: written)
     message = "`cameras.cam1.fps` is no known key; did you mean `rate`?"
-    console.print_problems([Problem("unknown-key", message, mend="sqrp schema workspace")])
+    console.print_problems([Problem("unknown-key", message, mend="sqrp rules -v x")])
     assert shown.getvalue().splitlines() == lines
