@@ -204,14 +204,17 @@ def test_a_number_is_not_parted_from_its_unit(monkeypatch, width):
     assert " ".join(lines) == "then delay is 0.74 s, not 0.5 s (cam1 is 30 deg too oblique, 20 percent)"
 
 
+MEND = "  to mend it: sqrp rules unknown-key"
+
+
 @pytest.mark.parametrize(("terminal", "lines"), [
-        (True, ["error: `cameras.cam1.fps` is no", "    known key; did you mean `rate`?", "  to mend it: sqrp rules -v x"]),
-        (False, ["error: `cameras.cam1.fps` is no known key; did you mean `rate`?", "  to mend it: sqrp rules -v x"]),
+        (True, ["error: `cameras.cam1.fps` is no", "    known key; did you mean `rate`?", MEND]),
+        (False, ["error: `cameras.cam1.fps` is no known key; did you mean `rate`?", MEND]),
 ])  # fmt: skip
 def test_errors_are_folded_in_a_terminal_but_for_commands(monkeypatch, terminal, lines):
     shown = io.StringIO()
     written = Console(file=shown, force_terminal=terminal, width=37, color_system=None)
     monkeypatch.setattr(console, "diagnostics", lambda: written)
     message = "`cameras.cam1.fps` is no known key; did you mean `rate`?"
-    console.print_problems([Problem("unknown-key", message, mend="sqrp rules -v x")])
+    console.print_problems([Problem("unknown-key", message, mend="sqrp rules unknown-key")])
     assert shown.getvalue().splitlines() == lines
