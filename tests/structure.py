@@ -25,10 +25,10 @@ LONG = 30
 
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_331),
-    "files": ("files", 2_002),
+    "files": ("files", 2_023),
     "robot": ("robot", 2_700),
     "camera": ("camera", 1_809),
-    "cell": ("cell", 3_261),
+    "cell": ("cell", 3_281),
     "logic": ("logic", 2_330),
     "skill, program": ("skill program", 1_901),
     "task": ("task", 977),
@@ -36,14 +36,14 @@ ROOMS = {
     "sight": ("kernel sight", 1_506),
     "study": ("study", 4_384),
     "search": ("search", 4_286),
-    "checks": ("checks", 1_233),
+    "checks": ("checks", 1_262),
     "run": ("run", 7_343),
     "field": ("field ros", 2_946),
     "score": ("score", 2_294),
-    "show": ("show", 4_940),
+    "show": ("show", 4_953),
     "ask": ("ask cli __init__ __main__", 5_260),
     "studio": ("studio", 1_761),
-    "starter, platform": ("starter platform", 2_083),
+    "starter, platform": ("starter platform", 2_079),
 }
 """The rooms of the package: what is in each, the longest beginning of a path counts, and how many lines it may have.
 
