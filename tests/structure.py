@@ -40,7 +40,7 @@ ROOMS = {
     "run": ("run", 7_343),
     "field": ("field ros", 2_946),
     "score": ("score", 2_294),
-    "show": ("show", 4_953),
+    "show": ("show", 4_956),
     "ask": ("ask cli __init__ __main__", 5_260),
     "studio": ("studio", 1_761),
     "starter, platform": ("starter platform", 2_079),
