@@ -49,7 +49,11 @@ PROGRAM: Any = argument("PROGRAM", "A program file, as `sqrp rank --program` wri
 SEED: Any = option("--seed", "Seed of everything that is drawn at random.", values.count(0), default=0)
 JSON: Any = flag("--json", "Print one JSON document and nothing else.")
 WATCH: Any = flag("--watch", "Again whenever a file of the cell is saved, old and new side by side, until Ctrl-C.")
-REPORT: Any = option("--report FILE", "Write a page with charts and 3D playback, for any browser.", values.path)
+REPORT: Any = options(
+    OptionWord("--report FILE", "Write a page with charts and 3D playback, for any browser.", Path),
+    OptionWord("--open", "With --report: show the page in a browser.", bool),
+    kind=values.page,
+)
 CLUSTER: Any = option(
     "--cluster ADDRESS",
     "Compute on this Dask cluster: tcp://HOST:PORT or scheduler file.",

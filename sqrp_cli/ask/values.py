@@ -197,6 +197,14 @@ def sampling(value: Sampling | Words, name: str) -> Sampling:
     raise refused(name, value, expected)
 
 
+@reads(None)
+def page(value: Path | Words, name: str) -> Path:
+    """A page to write: its path, or the words `report` and `open`."""
+    if isinstance(value, Words) and "report" not in value:
+        raise bad_option("--open is about --report, which is missing")
+    return Path(path.read(value["report"] if isinstance(value, Words) else value, name))
+
+
 @reads(str)
 def calibration(value: Calibration | Words, name: str) -> Calibration:
     """Standard deviations of camera poses, as a value or in words such as `5 mm, 0.5 deg` with a seed.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 from sqrp_cli.ask.api.cell import OpenCell
 from sqrp_cli.ask.api.program import OpenProgram
 from sqrp_cli.cli.command import line
+from sqrp_cli.cli.watch import is_shown_again, last_shown
 from sqrp_cli.document import Document
 from sqrp_cli.errors import InputError, Place, bad_input, bad_option
 from sqrp_cli.platform.memory import keep_all_so_far
@@ -145,7 +146,6 @@ def given(options: Mapping[str, object]) -> list[str]:
 
 def answer(result: Document, *, as_json: bool, **how: bool) -> None:
     """Print a result, for people or as a document; how: see `Document.show`."""
-    from sqrp_cli.cli.watch import is_shown_again
     from sqrp_cli.show.terminal.console import say_raw
 
     if as_json:
@@ -155,7 +155,7 @@ def answer(result: Document, *, as_json: bool, **how: bool) -> None:
 
 
 def page_is_written(file: Path, write: Callable[..., None], **how: object) -> bool:
-    """Write a page, and say where it is; returns False if Ctrl-C came first.
+    """Write a page, and show it where the command line says so, or say where it is; returns False if Ctrl-C came first.
 
     write: takes the file, and the words of the command line, which the page shows. how: what else it takes.
     """
@@ -166,5 +166,10 @@ def page_is_written(file: Path, write: Callable[..., None], **how: object) -> bo
     except KeyboardInterrupt:
         note(f"interrupted before {file} was written")
         return False
+    if "--open" in line.get() and not last_shown.get():  # once for all
+        import webbrowser
+
+        if webbrowser.open(file.absolute().as_uri()):
+            return True
     note(f"open {file} in a browser")
     return True

@@ -62,6 +62,16 @@ def test_a_report_is_the_terminals_table_and_more_and_is_written_where_it_can_be
     assert "mkdir -p" in outcome.err
 
 
+def test_a_page_is_opened_where_there_is_a_browser(sqrp, watch, tmp_path, monkeypatch):
+    seen, page = [], tmp_path / "a page.html"
+    command = ("rank", watch, "watch seen", "--report", page, "--open", "--json")
+    monkeypatch.setattr("webbrowser.open", lambda address: seen.append(address) or len(seen) == 1)
+    assert sqrp(*command).err == ""
+    assert sqrp(*command).err == f"open {page} in a browser\n"
+    assert seen == [page.as_uri()] * 2
+    assert sqrp("rank", watch, "watch seen", "--open").err == "error: --open is about --report, which is missing\n"
+
+
 def test_the_page_is_one_small_file_that_names_no_other_place(written):
     text = written.read_text(encoding="utf-8")
     # The page is small and names no other place.

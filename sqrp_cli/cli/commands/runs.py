@@ -18,13 +18,14 @@ from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.api.calibration import learned
 from sqrp_cli.ask.api.program import DEFAULT_RUNS, LoggedRun, audited, cameras_patch, late_replanner
 from sqrp_cli.ask.request import argument, flag, option
-from sqrp_cli.cli.command import command, line
+from sqrp_cli.cli.command import command
 from sqrp_cli.cli.options import (
     answer,
     check_excluded,
     check_needed,
     check_outputs,
     open_with_warnings,
+    page_is_written,
     read_program,
     write_patch,
 )
@@ -171,9 +172,8 @@ def _show(run: SimulatedRun, report: Path | None, *, as_json: bool) -> ExitCode:
     from sqrp_cli.show.terminal.console import note
     from sqrp_cli.show.terminal.run_view import wall_time
 
-    if report is not None:
-        run.write_page(report, line.get())
-        note(f"open {report} in a browser")
+    if report is not None and not page_is_written(report, run.write_page):
+        return ExitCode.INTERRUPTED
     if not as_json and run.wall:
         note(wall_time(run))
     for fault in run.never_happened:

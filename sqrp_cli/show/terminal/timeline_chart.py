@@ -170,7 +170,7 @@ def print_comparison(found: ExplainedAll) -> None:
 
 def _say_pieces(found: Sequence[ExplainedCandidate]) -> None:
     """What primitives do whose names stand above a chart, as there is no room for the words."""
-    scale = _width() / max([one.time or 0.0 for one in found] or [1.0])
+    scale = _width() / (max((one.time or 0.0 for one in found), default=0.0) or 1.0)
     spans = [
         one for each in found for one in each.primitives if (one.end - one.start) * scale < len(one.does or "") + 2
     ]
