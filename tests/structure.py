@@ -41,7 +41,7 @@ ROOMS = {
     "field": ("field ros", 2_946),
     "score": ("score", 2_294),
     "show": ("show", 4_956),
-    "ask": ("ask cli __init__ __main__", 5_260),
+    "ask": ("ask cli __init__ __main__", 5_277),
     "studio": ("studio", 1_761),
     "starter, platform": ("starter platform", 2_079),
 }
