@@ -107,7 +107,7 @@ def assumed_latency(cameras: Iterable[Sensing]) -> str:
     """That a latency is assumed of cameras, in words; empty where all state theirs."""
     names = [getattr(camera, "name", "a camera") for camera in cameras if camera.latency is None]
     shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
-    return f"no latency of {shown} is stated: 0 ms is assumed" if names else ""
+    return f"a latency of 0 ms is assumed of {shown}, as none is stated" if names else ""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -44,13 +44,13 @@ def test_an_assumed_latency_is_said_where_delays_are_and_written_nowhere(sqrp, t
     for name in ("cam1", "cam4"):
         del cell["cameras"][name]["latency"]
     workspace = write_cell(cell, tmp_path).parent
-    assumed = "no latency of cam1, cam4 is stated: 0 ms is assumed"
+    assumed = "a latency of 0 ms is assumed of cam1, cam4, as none is stated"
     checked = sqrp("check", workspace, columns=200)
     assert checked.err.count(assumed) == 1
     page = tmp_path / "page.html"
     for command, more in (("rank", ["--report", page]), ("explain", [])):
         shown = sqrp(command, workspace, "pickup g2", "--ways", "fastest", *more, columns=200)
-        assert f"Delays: {assumed}." in shown.out
+        assert f"For these times, {assumed}." in shown.out
     assert ["delays", f"{assumed}."] in overview_of(page)["about"]
     show = sqrp("show", workspace, "--json").document["cameras"]
     assert (show["cam1"]["latency"], show["cam2"]["latency"]) == (0.0, 0.05)

@@ -221,9 +221,9 @@ def unbroken(parts: Iterable[Styled], between: str = ", ") -> Text:
 
 
 def say_assumed(assumed: str) -> None:
-    """What delays assume of the cameras; nothing where all state their latency."""
+    """What times assume of the cameras; nothing where all state their latency."""
     if assumed:
-        say(f"Delays: {assumed}.")
+        say(f"For these times, {assumed}.")
 
 
 def say_command(text: str, command: str, style: str | None = None) -> None:
