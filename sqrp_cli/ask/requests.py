@@ -179,7 +179,7 @@ class AdviseRequest(TaskRequest):
 
     want: str | None = option(
         "--want GOAL",
-        'Such as "q_eoi 100 %, time 20 s"; by default the thresholds of the task in the workspace.',
+        'Of q_eoi, q_avg, time, delay, such as "q_eoi 100 %, delay 1 s"; by default the thresholds of the task.',
         values.text("a goal such as `q_eoi 100 %, time 20 s`"),
         default=None,
     )

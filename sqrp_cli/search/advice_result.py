@@ -11,7 +11,7 @@ import numpy as np
 
 from sqrp_cli.document import LEFT_OUT, Record, TaskDocument, live
 from sqrp_cli.errors import InputError, bad_option
-from sqrp_cli.figures import FIGURE_NAMES, AdvisedFigures, shown_figure
+from sqrp_cli.figures import FIGURE_NAMES, LATE, AdvisedFigures, shown_figure
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.goal import MOTION, Goal, Kind
 from sqrp_cli.study.ranking import rank
@@ -240,6 +240,15 @@ class AdviceDocument(TaskDocument):
         if self.ways == "first" or all(one.kind in MOTION for one in self.advice):
             return ""
         return "Figures are of the ways that candidates have now; rank may find others then."
+
+    @property
+    def unnoticed(self) -> str:
+        """What it says of a fault that is noticed late, or never, where a goal is met that says nothing of delays."""
+        found = self.best or self.before
+        if not self.met or self.want.delay is not None or not (found.unseen or (found.delay_worst or 0.0) > LATE):
+            return ""
+        never = found.delay_worst is None
+        return f"But a fault may {'never be noticed' if never else f'be noticed only after {found.delay_worst:.2f} s'}"
 
     @property
     def brief(self) -> str:

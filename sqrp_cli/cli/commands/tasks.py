@@ -277,24 +277,26 @@ def _explain(
 
 def _say_more(found: Explanation, cell: OpenCell, workspace: Path, after: Path | None, ask: _Explain) -> None:
     """The command that says how much of a remedy is enough. ask: whose task the explanation may be about a step of."""
-    from sqrp_cli.figures import falls_short
+    from sqrp_cli.figures import LATE, falls_short
     from sqrp_cli.search.goal import goal_of
     from sqrp_cli.show.terminal.console import say_command
 
-    if not found.remedy:
+    if not found.remedy and (found.latest or 0.0) <= LATE:
         return
-    lost = "q_eoi" if found.q_eoi is not None and falls_short(found.q_eoi, 1.0) else "q_avg"
+    lost = "q_eoi 100 %" if found.q_eoi is not None and falls_short(found.q_eoi, 1.0) else "q_avg 100 %"
+    lost = lost if found.remedy else f"delay {LATE:g} s"
     listed = next((one for one in cell.workspace.tasks if one.task == ask.task), None)
     words = ["sqrp", "advise", str(workspace), ask.task]
     if listed is None or goal_of(listed).met(found):  # else advice is about the thresholds that are missed
-        words += ["--want", f"{lost} 100 %"]
+        words += ["--want", lost]
     if found.step is not None:  # it begins where no program ends
         words += ["--choose", str(ask.choose)] if ask.choose != "best" else []
     elif len(found.ranking) > 1:
         words += ["--choose", found.name]
     words += ["--ways", "first"] if ask.ways == "first" else []
     words += ["--after", str(after)] if after is not None else []
-    say_command("\nHow much of that is enough, and what it costs:", shlex.join(words))
+    what = "How much of that is enough, and what it costs:" if found.remedy else "What lets faults be noticed sooner:"
+    say_command(f"\n{what}", shlex.join(words))
 
 
 def _write_images(cell: Cell, analyses: Sequence[Analysis], images: Path, *, several: bool) -> None:

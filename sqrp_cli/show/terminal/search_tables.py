@@ -87,6 +87,9 @@ def _conclude(found: AdviceDocument, *, written: bool) -> tuple[str, str] | None
         say("Interrupted before all kinds were searched.")
     if found.met:
         say("That is met already: nothing has to change.")
+        if found.unnoticed:
+            say(f"{found.unnoticed}.")
+            return "To have faults noticed sooner, add", "--want 'delay 1 s'"
     elif not found.advice:
         nothing = "Nothing that was searched so far is enough" if found.interrupted else "Nothing is enough"
         if found.nearest is not None:
