@@ -75,7 +75,9 @@ def write_summary(scorecard: Scorecard, path: Path) -> None:
     for name, changes in scorecard.changes.items():
         lines += [f"- changed in {_text(name)}: {_text(listed(changes))}"] if changes else []
     lines += [""] if lines[-1] else []
-    lines += ["| workspace | task | best | Q_eoi % | Q_avg % | time s | seen at worst s | result |"]
+    lines += [
+        "| workspace | task | best | noticed at the latest s | critical time seen % | time seen % | takes s | result |"
+    ]
     lines += ["|---|---|---|---:|---:|---:|---:|---|"]
     for one in scorecard.results:
         cells = [one.workspace, one.task or "", "", "", "", "", "", one.status]
@@ -83,7 +85,7 @@ def write_summary(scorecard: Scorecard, path: Path) -> None:
             figures = ("-" if q is None else f"{100 * q:.1f}" for q in (one.best.q_eoi, one.best.q_avg))
             late = one.best.latest
             seen = "-" if late is None else "never" if late == inf else f"{late:.2f}"
-            cells[2:7] = [one.best.name, *figures, f"{one.best.time:.2f}", seen]
+            cells[2:7] = [one.best.name, seen, *figures, f"{one.best.time:.2f}"]
         lines.append("| " + " | ".join(map(_text, cells)) + " |")
     write_atomically(path, "\n".join(lines) + "\n")
 

@@ -7,7 +7,7 @@ from dataclasses import field
 from typing import Any, Literal
 
 from sqrp_cli.document import LEFT_OUT, Document, Record, WorkspaceDocument, how_many, live
-from sqrp_cli.figures import Qualities, shown_figure
+from sqrp_cli.figures import FIGURE_NAMES, Qualities, shown_figure
 from sqrp_cli.files.source import LeafValue
 from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.records import dataclass
@@ -61,7 +61,8 @@ class LostView(Record):
     """The commonest cause, in a few words."""
 
     def __str__(self) -> str:
-        return f"{self.camera} no longer sees {self.literal} {TimeInterval(self.start, self.end).when}: {self.why}"
+        when = TimeInterval(self.start, self.end).when
+        return f"camera `{self.camera}` no longer sees {self.literal} {when}: {self.why}"
 
 
 Metric = Literal["feasible", "q_eoi", "q_avg", "time", "delay"]
@@ -88,13 +89,13 @@ class Shift(Record):
         if not quality and self.now is None:
             return "a fault may never be noticed any more"
         if not quality and self.before is None:
-            return f"no fault goes unnoticed any more: the worst delay is {self.now:.2f} s"
+            return f"no fault goes unnoticed any more: each is noticed after {self.now:.2f} s at the latest"
         old, new = (shown_figure(self.metric, figure) for figure in (self.before, self.now))
         if old == new:  # figures that differ never look alike
             old, new = (shown_figure(self.metric, figure, 2) for figure in (self.before, self.now))
-        names = {"time": "its time", "delay": "the worst delay of a fault", "q_eoi": "Q_eoi", "q_avg": "Q_avg"}
+        name = {"time": "its time", "delay": "the longest time until a fault is noticed"}.get(self.metric)
         verb = "fell" if self.worse is quality else "rose"
-        return f"{names[self.metric]} {verb} from {old} to {new}"
+        return f"{name or FIGURE_NAMES[self.metric]} {verb} from {old} to {new}"
 
 
 @dataclass(frozen=True)

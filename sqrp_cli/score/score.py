@@ -13,7 +13,7 @@ from sqrp_cli.cell.workspace import ExpectedTask, Workspace
 from sqrp_cli.cell.workspace_file import WORKSPACE_FILE, workspace_file
 from sqrp_cli.checks.lint import lint
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
-from sqrp_cli.figures import falls_short
+from sqrp_cli.figures import FIGURE_NAMES, falls_short
 from sqrp_cli.platform.processes import Progress
 from sqrp_cli.records import dataclass
 from sqrp_cli.score.compute import Computer, ScoreRequest
@@ -172,7 +172,11 @@ def _task_score(workspace: str, task: ScoredTask, computer: Computer) -> TaskSco
         ways.setdefault(way_name(ranked.candidate), ranked)
     first = ranking[0]
     best = described(first) if first.feasible else None
-    reasons = shortcomings(best, task.expected, "" if best else f"{first.candidate.name}: {first.reasons[0]}")
+    reasons = shortcomings(
+        best,
+        task.expected,
+        "" if best else f"{first.candidate.name}: {first.candidate.skill.in_pieces(first.reasons[0])}",
+    )
     return TaskScore(
         workspace=workspace,
         task=text,
@@ -203,10 +207,14 @@ def shortcomings(best: CandidateResult | None, expected: ExpectedTask, why_none:
     """
     if best is None:
         return () if expected.feasible is False else (f"no candidate can be done: {why_none}",)
-    name, lost, said = best.candidate.name, best.blind_spot, list[str]()
+    name, lost, said = best.candidate.name, f"{best.blind_spot[:1].lower()}{best.blind_spot[1:]}", list[str]()
     if expected.feasible is False:
         said.append(f"{name} can be done, but no candidate was expected to be")
-    for label, quality, least in (("Q_eoi", best.q_eoi, expected.min_q_eoi), ("Q_avg", best.q_avg, expected.min_q_avg)):
+    for figure, quality, least in (
+        ("q_eoi", best.q_eoi, expected.min_q_eoi),
+        ("q_avg", best.q_avg, expected.min_q_avg),
+    ):
+        label = FIGURE_NAMES[figure]
         if least is not None and quality is None:
             said.append(f"{label} of {name} is undefined, expected at least {100 * least:g} %")
         elif least is not None and quality is not None and falls_short(quality, least):
@@ -216,7 +224,7 @@ def shortcomings(best: CandidateResult | None, expected: ExpectedTask, why_none:
     delay = best.latest
     if expected.max_delay is not None and delay is not None and delay > expected.max_delay:
         fault = max(best.faults, key=lambda fault: (best.faults[fault].unseen, best.faults[fault].delay_worst or 0.0))
-        hidden = best.faults[fault].blind_longest and lost != NOTHING_MISSING
+        hidden = best.faults[fault].blind_longest and best.blind_spot != NOTHING_MISSING
         noticed = "never be noticed" if delay == inf else f"be noticed only after {delay:.2f} s"
         most, why = f"expected at most {expected.max_delay:g} s", lost if hidden else best.why_late
         said.append(f"the fault {fault} of {name} may {noticed}, {most}: {why}")

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field
-from math import inf
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from sqrp_cli.document import LEFT_OUT, Record, TaskDocument, live
 from sqrp_cli.errors import InputError, bad_option
-from sqrp_cli.figures import FIGURE_NAMES, LATE, AdvisedFigures, shown_figure
+from sqrp_cli.figures import FIGURE_NAMES, LATE, AdvisedFigures
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.goal import MOTION, Goal, Kind
 from sqrp_cli.study.ranking import rank
@@ -110,7 +109,7 @@ class ChangeFound(AdvisedFigures):
     turn: float
     """Angle between the optical axes before and after it [rad], of a camera that is moved or turned; else 0."""
     words: str
-    """The change as an instruction, such as `move cam1 10.9 cm, mostly -z, and turn it 5.2 deg`."""
+    """The change as an instruction, such as `move camera `cam1` along -z 10.9 cm, and turn it 5.2 deg`."""
 
     proposed: Any = live()
     """As `question.ProposedChange`."""
@@ -139,7 +138,7 @@ class AdviceFound(ChangeFound):
 
     @property
     def costs(self) -> list[str]:
-        """What gets worse, task by task, such as `in pickup green: g4 Q_eoi 63.4 % to 12.8 %`.
+        """What gets worse, task by task, such as `g4 (critical time seen 50.6 points less) in pickup green`.
 
         What an earlier task says of a candidate is not said again.
         """
@@ -149,15 +148,20 @@ class AdviceFound(ChangeFound):
             for one in task.candidates:
                 shifts = ["can no longer be done"] if "feasible" in one.worse else []
                 for name in (name for name in one.worse if name != "feasible"):
-                    old, new = (
-                        shown_figure(name, inf if known.unseen and name == "delay_worst" else getattr(known, name))
-                        for known in (one.before, one.after)
-                    )
-                    shifts.append(f"{FIGURE_NAMES[name]} {old} to {new}")
-                words = f"{one.candidate} {', '.join(shifts)}"
+                    old, new = getattr(one.before, name), getattr(one.after, name)
+                    match name:
+                        case "delay_worst" if new is None:
+                            shifts.append("may never be noticed")
+                        case "delay_worst":
+                            shifts.append(f"noticed up to {new - old:.2f} s later")
+                        case "time":
+                            shifts.append(f"takes {new - old:.2f} s more")
+                        case _:
+                            shifts.append(f"{FIGURE_NAMES[name]} {100 * (old - new):.1f} points less")
+                words = f"{one.candidate} ({', '.join(shifts)})"
                 worse += [words] if shifts and words not in told else []
             told.update(worse)
-            costs += [f"in {task.task}: {'; '.join(worse)}"] if worse else []
+            costs += [f"{', '.join(worse)} in {task.task}"] if worse else []
         return costs
 
 
@@ -239,7 +243,7 @@ class AdviceDocument(TaskDocument):
         """Whose figures they are, where that matters: changes of the cell may let other ways be better."""
         if self.ways == "first" or all(one.kind in MOTION for one in self.advice):
             return ""
-        return "Figures are of the ways that candidates have now; rank may find others then."
+        return "After a change, rank may choose another motion; figures then differ."
 
     @property
     def unnoticed(self) -> str:

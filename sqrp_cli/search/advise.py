@@ -79,9 +79,9 @@ def _outcome(start: Start, kind: Kind) -> KindOutcome:
     near = min(tried.near, key=lambda one: goal.shortfall(one.analysis.result))
     steps, reached = near.analysis.steps, near.analysis.result
     if replace(goal, time=None).met(reached):
-        primitives = [primitive for step in steps for primitive in step.planned.motion.primitives]
-        longest = max(primitives, key=lambda primitive: primitive.end - primitive.start)
-        limit = f"its motion takes that long, {longest.end - longest.start:.1f} s of it {longest.name}"
+        timed = [(one, step.planned.candidate.skill) for step in steps for one in step.planned.motion.primitives]
+        longest, skill = max(timed, key=lambda pair: pair[0].end - pair[0].start)
+        limit = f"its motion takes that long, {longest.end - longest.start:.1f} s of it {skill.pieces[longest.name]}"
     elif replace(goal, delay=None).met(reached):
         limit = reached.why_late
     else:
@@ -89,6 +89,7 @@ def _outcome(start: Start, kind: Kind) -> KindOutcome:
         stretch = longest_blind_spot(near.change.in_cell(question.cell), steps[worst])
         said = reached.why_late if stretch is None else str(stretch)
         limit = said if stretch is None else reasons_of_step(near.analysis.candidate, worst + 1, [said])[0]
+    limit = f"{limit[:1].lower()}{limit[1:]}"
     missing, nearer = goal.missed(reached), goal.is_nearer(reached, before)
     found = _change_found(near.change, reached)
     nearest = from_fields(NearestChange, found, missing=missing, limit=limit, nearer=nearer)
@@ -101,12 +102,12 @@ def _why_not(start: Start, kind: Kind) -> str:
     first = (*question.fastest.steps, question.fastest)[0]
     unready = impossible_start(question.cell, first, question.world, contacts=False)  # whatever is changed in it
     if unready is not None:
-        return unready.reasons[0]
+        return first.skill.in_pieces(unready.reasons[0])
     if kind in MOTION or kind == "object":
-        return "not tried: the way is fixed" if question.fixed and kind in MOTION else ""
+        return "not tried, as the way is fixed" if question.fixed and kind in MOTION else ""
     before = figures_of(question.way, start.analysis)
     if not before.feasible:
-        return f"no camera helps: {before.reasons[0]}"
+        return f"no camera helps: {question.way.skill.in_pieces(before.reasons[0])}"
     if goal.time is not None and before.time is not None and before.time > goal.time:
         return f"no camera makes the motion faster: it takes {before.time:.2f} s, not {goal.time:.4g} s"
     response = min((camera.response for camera in question.cell.observer.cameras), default=0.0)

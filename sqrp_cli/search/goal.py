@@ -128,13 +128,15 @@ class Goal(Record):
 
 
 def read_goal(text: str) -> Goal:
-    """A goal such as `q_eoi 100 %, time 20 s`; a plain quality is in 0..1.
+    """A goal such as `q_eoi 100 %, time 20 s`, or as texts say it; a plain quality is in 0..1.
 
     Raises InputError for anything else.
     """
     found: dict[str, float] = {}
-    for part in text.split(","):
-        named, _, value = part.strip().replace("=", " ").partition(" ")
+    for part in map(str.strip, text.split(",")):
+        said = next((name for name in NAMES if part.lower().startswith(f"{FIGURE_NAMES[name]} ")), None)
+        part = part if said is None else said + part[len(FIGURE_NAMES[said]) :]
+        named, _, value = part.replace("=", " ").partition(" ")
         name, why = named.lower(), ""
         dimension, quantity = SHARE if name in QUALITIES else TIME, read_quantity(value.strip())
         if name not in NAMES:

@@ -254,7 +254,7 @@ class PlaceDocument(WorkspaceDocument):
     @property
     def brief(self) -> str:
         """Its main figures, in a line."""
-        return f"{self.workspace}: {len(self.cameras)} cameras, {self.by} Q {100 * self.objective:.1f} %"
+        return f"{self.workspace}: {len(self.cameras)} cameras, {self.by} share seen {100 * self.objective:.1f} %"
 
     def apply(self) -> None:
         """Write the cameras into the workspace file; comments outside of its cameras stay.
@@ -270,41 +270,34 @@ class PlaceDocument(WorkspaceDocument):
 
 
 def proof_in_words(found: PlaceDocument) -> str:
-    """What is proven, and about what, in a few sentences."""
+    """What is proven, in a few sentences."""
     mounts = "the only mount" if found.mounts == 1 else f"these {found.mounts} mounts"
+    mounts += " with --ways first" if found.question.fastest else ""
     if found.reason:
         return f"No camera can be chosen: {found.reason}."
     if not found.cameras and not found.proven:
         return f"No choice of {mounts} was found, and that there is none is not proven."
-    number, which = count_in_words(len(found.cameras)), f"{found.by} Q"
-    about, several = f"these {found.compared.ways} ways", found.compared.ways > 1
-    if found.question.fastest:
-        about = "the way of each candidate with --ways first" if several else "the way with --ways first"
-    elif found.compared.fastest:
-        about = "the fastest of all ways of each candidate" if several else "the fastest of all ways"
-    quality = f"{which} of {100 * found.objective:.1f} % in {about} (gap 0)"
+    number = count_in_words(len(found.cameras))
     decided = found.by == "least" and found.objective == 0.0 and not found.interrupted
     mean = ", so that the mean decided" if decided and found.cameras else ""
+    case = f"{'worst case' if found.by == 'least' else 'mean'} {100 * found.objective:.1f} %{mean}"
     if found.gap > 0.0:
-        more = f"no choice of {mounts} has more than {100 * found.bound:.1f} % in {about}"
-        unknown = "Whether there is a better one is not proven."
-        sentences = [f"The {which} is {100 * found.objective:.1f} %{mean}; {more}. {unknown}"]
+        sentences = [f"Not proven best: {case}, and no choice of {mounts} has more than {100 * found.bound:.1f} %."]
     elif not found.cameras:
-        sentences = [f"No camera on {mounts} adds to the {quality}."]
+        sentences = [f"No camera on {mounts} adds anything: {case}."]
     elif found.mounts == 1:
-        sentences = [f"A camera on the only mount gives a {quality}."]
+        sentences = [f"There is one mount only: {case}."]
     else:
-        best = f"None of {mounts} does" if number == "one" else f"No {number} of {mounts} do"
         rest = "" if found.proven else " Whether others that see as much are quicker or cheaper is not proven."
-        sentences = [f"{best} better than a {quality}{mean}.{rest}"]
+        sentences = [f"Proven best on {mounts}: {case}.{rest}"]
     if found.floor is not None and len(found.cameras) == found.floor.cameras:
-        stay = ", with those that stay" if found.keep else ""
-        sentences.append(f"Fewer than {number} cannot be{stay}: {found.floor.reason}.")
+        stay = " besides those that stay" if found.keep else ""
+        sentences.append(f"Fewer cannot be{stay}: {found.floor.reason}.")
     elif str(found.want) and found.met and found.fewest is not None and 1 < found.fewest == len(found.cameras):
-        sentences.append(f"Fewer than {number} do not reach {found.want} in {about}.")
+        sentences.append(f"Fewer than {number} do not reach {found.want}.")
     if found.fewer is not None:
         fewer = count_in_words(found.fewer.cameras)
-        sentences.append(f"With {fewer}, in {about}, it is at most {100 * (found.fewer.bound or 0.0):.1f} %.")
+        sentences.append(f"With {fewer} it is at most {100 * (found.fewer.bound or 0.0):.1f} %.")
     return " ".join(sentences)
 
 

@@ -67,26 +67,28 @@ class ProposedChange:
 
     @property
     def words(self) -> str:
-        """It as an instruction, such as `move cam1 10.9 cm, mostly -z, and turn it 5.2 deg`."""
-        size, values, mostly = shown_size(self.size, self.unit), self.values, ""
+        """It as an instruction, such as `move camera `cam1` along -x and +z 10.9 cm, and turn it 5.2 deg`."""
+        size, values, along = shown_size(self.size, self.unit), self.values, ""
+        what = f"camera `{self.target}`" if self.camera is not None else self.target
         if self.kind in ("aim", "position", "object"):
             turns, moves = (("right", "left"), ("up", "down")), (("+x", "-x"), ("+y", "-y"), ("+z", "-z"))
             names = turns if self.kind == "aim" else moves
-            axis = max(range(len(values)), key=lambda index: abs(values[index]))
-            alone = abs(values[axis]) > 0.98 * sum(value * value for value in values) ** 0.5
-            mostly = ("" if alone else "mostly ") + names[axis][values[axis] <= 0]
+            axes = sorted(range(len(values)), key=lambda index: -abs(values[index]))
+            whole = sum(value * value for value in values) ** 0.5
+            shown = [axis for number, axis in enumerate(axes) if number == 0 or abs(values[axis]) > 0.2 * whole]
+            along = " and ".join(names[axis][values[axis] <= 0] for axis in shown)
         match self.kind:
             case "way" | "path":
-                return f"do {self.target} {self.said}"
+                return f"do {self.target} ({self.said})"
             case "aim":
-                return f"turn {self.target} {size}, {mostly}"
+                return f"turn {what} {along} {size}"
             case "lens":
-                return f"{'widen' if values[0] > 0 else 'narrow'} the view of {self.target} by {size}"
+                return f"{'widen' if values[0] > 0 else 'narrow'} the view of {what} by {size}"
             case "camera":
-                return f"add {self.target} at {', '.join(f'{value:z.2f}' for value in values)} m"
+                return f"add {what} at {', '.join(f'{value:z.2f}' for value in values)} m"
             case _:
                 turn = f", and turn it {shown_size(self.turn, 'rad')}" if self.turn else ""
-                return f"move {self.target} {size}, {mostly}{turn}"
+                return f"move {what} along {along} {size}{turn}"
 
 
 class Tried(NamedTuple):

@@ -102,7 +102,8 @@ class VisibilityTable:
                     _, motions = TimeLimit(goal.time).within(motions)
                     self.too_slow |= isinstance(motions, Infeasible)
                 if isinstance(motions, Infeasible):
-                    none, why = CandidateResult.infeasible(candidate, motions.reasons), motions.reasons[0]
+                    none = CandidateResult.infeasible(candidate, motions.reasons)
+                    why = candidate.skill.in_pieces(motions.reasons[0])
                     named = InfeasibleCandidate(task=task.text, candidate=candidate.name, reason=why, found=none)
                     self.infeasible.append(named)
                     continue

@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from sqrp_cli.figures import named_figures
-from sqrp_cli.search.placing_result import PlaceDocument, count_in_words
+from sqrp_cli.search.placing_result import ROUNDED, PlaceDocument, count_in_words
 
 
 class PlacementWords(NamedTuple):
     """Sentences about a placement; each is empty where there is nothing to say."""
 
+    put: str
+    """Where to put cameras, and what is then seen."""
     unmet: str
     """That the goal cannot be met, and what is shown instead; empty, too, if nothing can be chosen at all."""
     comparison: str
@@ -25,17 +27,23 @@ class PlacementWords(NamedTuple):
 
 def placement_in_words(found: PlaceDocument) -> PlacementWords:
     """The sentences about a placement."""
-    goal, unmet, scope = found.want, "", ""
+    goal, put, unmet, scope = found.want, "", "", ""
     if found.met or found.reason or not str(goal):
-        pass
+        places = " and ".join(f"camera `{one.name}` at {one.mount}" for one in found.cameras)
+        least, share = found.by == "least", f"{100 * found.objective:.1f} % of the time"
+        share = f"at least {share}" if least and found.objective < 1.0 - ROUNDED else share
+        what = "what matters is then seen"
+        if least and len(found.candidates) > 1:
+            what = "whichever candidate you take, what matters is seen"
+        seen = f": {what} {share}{'' if least else ' on average'}"
+        put = places and f"Put {places}{seen if found.objective > 0.0 else ''}."
     elif goal.delay is not None and goal.delay < found.quickest:
         unmet = (
-            f"No choice of these mounts reaches {goal}: a frame period and the latency of the fastest of these cameras "
-            f"are {found.quickest:.4g} s at worst, and the time that tool and part take to part comes on top. The "
-            "nearest is below."
+            f"No choice of these mounts reaches {goal}: a frame and the latency of the fastest camera take "
+            f"{found.quickest:.2g} s, and tool and part have to part before. The nearest is below."
         )
     elif found.fewest:
-        unmet = f"So many cameras do not reach {goal}; {count_in_words(found.fewest)} do:"
+        unmet = f"So many cameras do not reach {goal}; take {count_in_words(found.fewest)}:"
     elif found.too_slow:
         unmet = f"Not every candidate can be done within {goal.time:.4g} s, whatever the cameras."
     elif not found.proven:
@@ -64,9 +72,10 @@ def placement_in_words(found: PlaceDocument) -> PlacementWords:
     elif not found.reason:
         scope = "Not proven to be the best: the search ended before its proof."
     return PlacementWords(
+        put=put,
         unmet=unmet,
         comparison=f"{mounts}{blocked}, {poses} with lenses, {ways}, {samples}",
-        moves=f"The cameras were then moved between the places ({moved}), which the figures of the candidates are for."
+        moves=f"Cameras were then moved between the places ({moved}); the figures of the candidates are for that."
         if moved
         else "",
         other_ways=f"In the patched workspace, `rank` takes another way of {', '.join(others)}." if others else "",

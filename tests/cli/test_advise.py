@@ -88,7 +88,7 @@ def test_the_document_says_what_was_asked_and_what_meets_it_the_least_changes_fi
         assert set(one["worse"]) <= {task["task"] for task in one["tasks"]}
     assert advised["nearest"] is None
     kinds = {kind["kind"]: kind for kind in advised["kinds"]}
-    assert kinds["way"]["why"] == "not tried: the way is fixed"
+    assert kinds["way"]["why"] == "not tried, as the way is fixed"
     # Sizes are those of the changes and the least come first.
     for kind in ("aim", "position"):
         found = [one for one in advised["advice"] if one["kind"] == kind]
@@ -273,14 +273,14 @@ def test_the_page_has_a_row_as_it_is_and_one_for_each_change(others, page):
     overview = carried(page, "overview")
     assert overview["title"] == "What would help: pickup g3 in tabletop"
     count = len(others["advice"])
-    assert overview["summary"] == f"g3 is to have Q_eoi 100 %: {count} changes meet it, each on its own."
+    assert overview["summary"] == f"g3 is to have critical time seen 100 %: {count} changes meet it, each on its own."
     rows = overview["entries"]
     assert [row["labels"] for row in rows] == [
         {"change": "as it is", "kind": ""},
         *({"change": one["words"], "kind": one["kind"]} for one in others["advice"]),
     ]
     assert [row["mark"] for row in rows] == ["", *(f"#{number}" for number in range(1, count + 1))]
-    assert rows[0]["reasons"] == [f"Q_eoi is {100 * others['before']['q_eoi']:.1f} %, not 100 %"]
+    assert rows[0]["reasons"] == [f"critical time seen {100 * others['before']['q_eoi']:.1f} %, not 100 %"]
     for row, one in zip(rows, [others["before"], *others["advice"]], strict=True):
         for figure in ("q_eoi", "q_avg", "time"):
             assert row["candidate"][figure] == pytest.approx(one[figure], abs=1e-6)
@@ -290,7 +290,8 @@ def test_the_page_has_a_row_as_it_is_and_one_for_each_change(others, page):
     for row, one in zip(rows[1:], others["advice"], strict=True):
         assert len(row["reasons"]) == len(one["worse"])
         for reason, task in zip(row["reasons"], one["worse"], strict=True):
-            assert reason.startswith(f"costs in {task}: ")
+            assert reason.startswith("makes worse: ")
+            assert reason.endswith(f" in {task}")
 
 
 LOOK_AT_OF_CAM6 = "look_at: [0.334, 0.25, 0.421]"
@@ -330,7 +331,7 @@ def test_the_page_says_where_its_finer_timeline_misses_a_goal_that_is_met(sqrp, 
     (row,) = carried(page, "overview")["entries"]
     share = carried(page, "detail-0")["q_eoi"]
     assert share < 1
-    reason = f"Q_eoi is {100 * share:.1f} %, not 100 %, if sampled as finely as the timeline below"
+    reason = f"critical time seen {100 * share:.1f} %, not 100 %, if sampled as finely as the timeline below"
     assert row["reasons"] == [reason]
 
 
@@ -379,7 +380,7 @@ def test_where_no_change_is_needed_the_page_shows_the_candidate(sqrp, watch, tmp
     assert outcome.code == 0
     assert outcome.out == sqrp(*command).out
     overview = carried(page, "overview")
-    assert overview["summary"].endswith(" is to have Q_avg 0 %: that is met already.")
+    assert overview["summary"].endswith(" is to have time seen 0 %: that is met already.")
     assert [row["name"] for row in overview["entries"]] == ["as it is"]
     assert [row["reasons"] for row in overview["entries"]] == [[]]
 

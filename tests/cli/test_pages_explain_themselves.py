@@ -188,7 +188,7 @@ def test_a_run_begins_with_what_happened_and_opens_there(browser, tmp_path):
         (None, "No fault, done at 18.15 s."),
         (FaultRecord("slip", 7.0, 7.0), "Slip at 7.00 s, never noticed, done at 18.15 s."),
         (FaultRecord("slip", 7.0), "Slip injected, but it never came true, done at 18.15 s."),
-        (FaultRecord("camera loss", 5.0, None, 5.3, 5.3, camera="cam2"), "Camera loss cam2 seen at 5.30 s, done at"),
+        (FaultRecord("camera loss", 5.0, None, 5.3, 5.3, camera="cam2"), "Camera loss cam2 noticed at 5.30 s, done at"),
     ],
 )
 def test_a_run_is_told_in_one_sentence(tmp_path, fault, told):

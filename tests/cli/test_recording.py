@@ -122,7 +122,7 @@ def test_a_camera_without_images_is_named_with_the_topics_that_may_be_its(sqrp, 
     recording = rewritten({JOINTS, CAM3, CAM5}, every_fifth)
     monkeypatch.setenv("COLUMNS", "200")
     found = open_program(slip_run.cell.program).audit(recording, threshold=0.0)
-    assert repr(found).endswith("came true, passed)")
+    assert repr(found).endswith("predicted images showed it, passed)")
     assert "There are no images of cam5: what was predicted of it is left out." in str(found)
     assert "--topic cam5=/left/image_raw/compressed" in str(found)
     assert (found.missing, found.other_topics) == (["cam5"], ["/left/image_raw/compressed"])

@@ -54,7 +54,7 @@ def test_the_page_says_in_words_and_timelines_how_the_run_went(opened):
     assert opened.texts("#reasons li") == ["hold(g1) should be seen"]
     assert not opened.page.locator(".overview").is_visible()
     told = dict(zip(opened.texts("#figures dt"), opened.texts("#figures dd"), strict=True))
-    assert told["predictions that came true"] == "75.0 %"
+    assert told["predicted images that showed it"] == "75.0 %"
     assert told["slip noticed after"] == "0.15 s"
     # The timeline shows what the images showed.
     labels = opened.js("[...document.querySelectorAll('.run')].map((run) => run.getAttribute('aria-label'))")

@@ -38,7 +38,7 @@ def test_an_image_has_the_same_time_where_the_start_of_its_step_is_known_to_micr
         print_disagreements([replace(WRONG, t=time)], 1)
         told.append(capsys.readouterr().out)
     assert told[0] == told[1] == told[2]
-    assert f"{t:.1f} - {t:.1f}" in told[0]
+    assert f"  {t:.1f}  " in told[0]
 
 
 def test_a_log_that_does_not_tell_what_was_predicted_is_shown_live(tmp_path, monkeypatch):

@@ -74,4 +74,7 @@ def test_a_cost_is_listed_once_and_other_candidates_of_a_later_task_still_are():
         margin=None, worse=(),
         tasks=(effect("pickup green", g1), effect("pickup g1", g1), effect("pickup any", g1, box)),
     )  # fmt: skip
-    assert found.costs == ["in pickup green: g1 Q_eoi 60.0 % to 10.0 %", "in pickup any: box3 can no longer be done"]
+    assert found.costs == [
+        "g1 (critical time seen 50.0 points less) in pickup green",
+        "box3 (can no longer be done) in pickup any",
+    ]

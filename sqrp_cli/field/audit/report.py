@@ -155,6 +155,6 @@ class AuditDocument(WorkspaceDocument):
         """Its main figures, in a line."""
         came_true = "nothing was predicted"
         if self.precision is not None:
-            came_true = f"{100 * self.precision:.1f} % of predictions came true"
+            came_true = f"{100 * self.precision:.1f} % of predicted images showed it"
         passed = "passed" if self.passed else "not passed"
         return ", ".join([f"{self.workspace}: {came_true}", *self.not_as_stated, passed])

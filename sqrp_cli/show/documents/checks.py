@@ -112,12 +112,13 @@ class Check(WorkspaceDocument):
         """Candidates with their verdicts, and the findings about the workspace."""
         candidates = []
         for one in found:
-            steps = one.suggestion.steps
+            steps, skill = one.suggestion.steps, one.candidate.skill
             checked = from_fields(
                 CheckedCandidate,
                 one,
                 parameters=one.candidate.parameters,
-                reasons=list(one.reasons),
+                reasons=list(map(skill.in_pieces, one.reasons)),
+                remarks=tuple(map(skill.in_pieces, one.remarks)),
                 plan=None if steps is None else list(steps),
                 last=one.suggestion.last,
                 planning=one.suggestion.outcome,

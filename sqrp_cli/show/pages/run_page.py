@@ -24,7 +24,7 @@ WITNESSED = (
 )
 """What is shown in three dimensions, in words."""
 
-_TRUE = "predictions that came true"
+_TRUE = "predicted images that showed it"
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
         if fault.delay is not None:
             figures.append((f"{report.label_of(fault)} noticed after", f"{fault.delay:.2f} s", "it was noticed after"))
             if fault.predicted_delay is not None:
-                figures.append(("predicted: within", f"{fault.predicted_delay:.2f} s", "predicted"))
+                figures.append(("predicted: at the latest", f"{fault.predicted_delay:.2f} s", "predicted"))
         noted += [t for t in (fault.happened, fault.detected, fault.injected) if t is not None][:1]
     if report.total.precision is not None:
         figures.append((_TRUE, f"{100 * report.total.precision:.1f} %", _TRUE))
@@ -85,7 +85,7 @@ def story(report: RunReport) -> str:
             seen = "never noticed" if fault.delay is None else f"noticed after {fault.delay:.2f} s"
             told.append(f"{label} at {fault.happened:.2f} s, {seen}")
         elif fault.detected is not None:
-            told.append(f"{label} seen at {fault.detected:.2f} s")
+            told.append(f"{label} noticed at {fault.detected:.2f} s")
         else:
             told.append(f"{label} injected, but it never came true")
     retries = sum(step.attempts - 1 for step in report.steps)
@@ -106,11 +106,11 @@ def _detail(
         label, spans = report.label_of(fault), []
         if fault.happened is not None:
             seen_at = end if fault.detected is None else fault.detected
-            text = f"{label} has happened and is not seen"
+            text = f"{label} has happened and is not noticed"
             spans.append({"kind": "unnoticed", "start": fault.happened, "end": seen_at, "text": text})
         if fault.detected is not None:
             acted = end if fault.acted is None else fault.acted
-            text = f"{label} is seen, the robot stops and looks"
+            text = f"{label} is noticed, the robot stops and looks"
             spans.append({"kind": "handled", "start": fault.detected, "end": acted, "text": text})
         marks += [{"label": label, "spans": spans}] if spans else []
     # What the images of each time showed. The last ones count for as long as any before them, then none.

@@ -64,7 +64,7 @@ def _rows(document: AdviceDocument, job: RankJob) -> Iterator[tuple[PageRow, Can
     yield row("as it is", "", "", before, document.want.missed(before)), before, job
     for number, one in enumerate(document.advice, 1):
         cell, world = one.proposed.in_cell(job.cell), one.proposed.in_world(job.world)
-        shown = row(one.words, f"#{number}", one.kind, one.found, [f"costs {cost}" for cost in one.costs])
+        shown = row(one.words, f"#{number}", one.kind, one.found, [f"makes worse: {cost}" for cost in one.costs])
         yield shown, one.found, replace(job, cell=cell, world=world)
 
 
@@ -133,7 +133,7 @@ def write_placement(
         for site, seen, shut in zip(question.mounts.sites, document.seen.tolist(), document.shut.tolist(), strict=True)
     ]
     title = f"Where cameras go: {', '.join(document.tasks)} in {document.workspace}"
-    summary = " ".join(filter(None, (said.unmet, document.proof, said.moves)))
+    summary = " ".join(filter(None, (said.put or said.unmet, document.proof, said.moves)))
     placement = {"by": document.by, "cameras": document.cameras, "keep": document.keep, "mounts": mounts}
     scenes = [cell_scene(document.cell)]
     write_page(PageContent(title, summary, "Candidates", about, entries, scenes, placement=placement), path)

@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 
 def print_check(found: Check) -> None:
-    """That a workspace is valid, and how to go on; of a task which candidates can be done, and why the others cannot.
+    """That a workspace is valid, and how to go on; of a task what can be done, or what first, and why others cannot.
 
-    If nothing can be done at once, the steps to do first. Nothing where there are errors.
+    Nothing where there are errors.
     """
     if not found.valid:
         return
@@ -48,9 +48,12 @@ def print_check(found: Check) -> None:
             say_command("Try:", f"sqrp rank {shlex.quote(found.path)} {shlex.quote(found.example)}")
         return
     feasible = [one for one in found.candidates if one.feasible]
+    if found.suggested and not feasible:
+        *first, last = (f"`{step.task}`" for step in found.suggested)
+        say(f"First do {', then '.join(first)}; then {last} can be done.\n", "bold")
+    able = f"{len(feasible)} of {len(found.candidates)} candidates can be done"
     at_once = " at once" if found.suggested and not feasible else ""
-    count = len(found.candidates)
-    say(f"{found.task} in {found.workspace}: {len(feasible)} of {count} candidates can be done{at_once}\n")
+    say(joined([(found.task, "bold"), f" in {found.workspace}: {able}{at_once}\n"]))
     shown = feasible
     if len(feasible) > MOST_ROWS:  # the fastest for each choice of objects, the first of them
         fastest: dict[tuple[str, ...], str] = {}
@@ -59,7 +62,7 @@ def print_check(found: Check) -> None:
         shown = [one for one in feasible if one.name in fastest.values()][:MOST_ROWS]
     if feasible:
         rows = [(one.name, f"{one.time:.2f}" if one.time is not None else "") for one in shown]
-        print_table([Column("candidate"), Column("motion [s]", right=True)], rows)
+        print_table([Column("candidate"), Column("takes at least [s]", right=True)], rows)
         if len(shown) < len(feasible):
             say(f"... and {len(feasible) - len(shown)} more (--json)", "dim")
     elif found.suggested:
@@ -74,16 +77,18 @@ def print_check(found: Check) -> None:
         say()
     for line in remarks:
         say(line)
+    if feasible:
+        say()
+        say_command("Which of them is seen best:", f"sqrp rank {shlex.quote(found.path)} {shlex.quote(found.task)}")
 
 
 def print_suggested(suggested: Sequence[PlannedStep]) -> None:
-    """The steps that lead to a task, a row each; all are feasible."""
-    say("It can be done in these steps, each in its best way:\n")
-    columns = [Column("#"), Column("step"), Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True)]
+    """The steps that lead to a task, a row each, in its best way; all are feasible."""
+    columns = [Column("#"), Column("step"), *numbers("critical time\nseen [%]", "time seen\n[%]", "takes\n[s]")]
     rows = [
         (str(number), step.task, step.q_eoi, step.q_avg, f"{step.time:.2f}") for number, step in enumerate(suggested, 1)
     ]
-    print_table([*columns, Column("time [s]", right=True)], rows)
+    print_table(columns, rows)
 
 
 def print_rules(found: RulesDocument) -> None:
@@ -129,9 +134,9 @@ def print_scene(found: ShowDocument) -> None:
         lower, upper = -inf if one.lower is None else one.lower, inf if one.upper is None else one.upper
         values = (lower, upper, one.velocity, one.acceleration, one.jerk, robot.home[name])
         joints.append((name, *(f"{1000 * v:z.0f} mm" if one.slides else f"{degrees(v):z.0f}" for v in values)))
-    print_table([Column("joint [deg, s]"), *numbers("min", "max", "v", "a", "j", "home")], joints)
+    print_table([Column("joint [deg, s]"), *numbers("min", "max", "speed", "acceleration", "jerk", "home")], joints)
     if robot.angle_tolerance:
-        say(f"\ntool may be turned by {degrees(robot.angle_tolerance):g} deg from a pose")
+        say(f"\nposes of the tool may be missed by {degrees(robot.angle_tolerance):g} deg (angle_tolerance)")
     if robot.fingers is not None:
         moves = (
             f"{name} {1000 * opened:.0f} mm open, {1000 * robot.fingers.closed[name]:.0f} mm closed"
@@ -145,13 +150,29 @@ def print_scene(found: ShowDocument) -> None:
     cameras = [
         (
             name, one.frame, position(one.pose), f"{one.width}x{one.height}",
-            f"{degrees(2 * atan(one.width / 2 / one.K[0][0])):.0f}", one.distortion_model if any(one.D) else "none",
+            f"{degrees(2 * atan(one.width / 2 / one.K[0][0])):.0f}", one.distortion_model if any(one.D) else "ideal",
             f"{one.near:g}-{inf if one.far is None else one.far:g}", f"{one.rate:g}", f"{1000 * one.latency:.0f}",
         )
         for name, one in found.cameras.items()
     ]  # fmt: skip
     print_table(
-        [*map(Column, ("camera", "frame", "at [m]", "pixels", "fov", "lens", "range [m]", "Hz", "ms"))], cameras
+        [
+            *map(
+                Column,
+                (
+                    "camera",
+                    "frame",
+                    "at [m]",
+                    "pixels",
+                    "view\n[deg]",
+                    "lens",
+                    "range\n[m]",
+                    "rate\n[Hz]",
+                    "latency\n[ms]",
+                ),
+            )
+        ],
+        cameras,
     )
     ranges = next((one.ranges for one in found.detectors.values() if one.ranges), {})
     if ranges:  # from where to where each camera reads each marker that faces it
@@ -206,32 +227,31 @@ def print_new_cell(made: NewCell) -> None:
 
 
 def print_program(found: ProgramDocument) -> None:
-    """A row per step, the totals, the tool's actions with their times, and how to go on."""
+    """How late a fault is noticed, a row per step, the totals, the tool's actions with their times, and what next."""
     count, total = len(found.steps), found.total
     length = f", {total.time:.2f} s" if count else ""
-    title = f" for {found.workspace}: {count} step{'s' * (count != 1)}{length}\n"
+    title = f" for {found.workspace}: {count} step{'s' * (count != 1)}{length}"
     say(joined([(Path(found.program).name, "bold"), title]))
+    for number, step in enumerate(found.steps, 1):
+        for name, fault in step.faults.items():
+            if fault.unseen:
+                often = "" if fault.unseen == 1.0 else f" in {100 * fault.unseen:.3g} % of cases"
+                say(f"Never noticed{often}: {name} in step {number}, {step.label}; no camera sees it.", "red")
+    if total.step is not None and total.delay_worst is not None:
+        which = f"{total.fault} in step {total.step}, {found.steps[total.step - 1].label}"
+        say(f"Noticed at the latest after {total.delay_worst:.2f} s: {which}.")
+    say()
     if count:
-        titles = ("start\n[s]", "time\n[s]", "Q_eoi [%]", "Q_avg [%]", "slowest\nalarm [s]")
+        titles = (
+            "start\n[s]", "noticed\nat the\nlatest [s]", "critical time\nseen [%]", "time seen\n[%]", "takes\n[s]"
+        )  # fmt: skip
         rows: list[list[TableCell]] = []
         for number, step in enumerate(found.steps, 1):
-            figures = [step.q_eoi, step.q_avg, _slowest(step.faults.values())]
-            rows.append([str(number), step.label, f"{step.start:.2f}", f"{step.time:.2f}", *figures])
-        faults = _slowest([fault for step in found.steps for fault in step.faults.values()])
-        rows.append(["", "in all", "", f"{total.time:.2f}", total.q_eoi, total.q_avg, faults])
+            figures = [_latest(step.faults.values()), step.q_eoi, step.q_avg, f"{step.time:.2f}"]
+            rows.append([str(number), step.label, f"{step.start:.2f}", *figures])
+        faults = _latest([fault for step in found.steps for fault in step.faults.values()])
+        rows.append(["", "in all", "", faults, total.q_eoi, total.q_avg, f"{total.time:.2f}"])
         print_table([Column("#"), Column("step", shrink=True), *numbers(*titles)], rows)
-        say()
-        for number, step in enumerate(found.steps, 1):
-            for name, fault in step.faults.items():
-                if fault.unseen:
-                    when = "of the times at which it may happen, as no image is sure to show it"
-                    at = f"step {number}, {step.label}, at {100 * fault.unseen:.3g} %"
-                    say(f"No alarm tells of {name} in {at} {when}.")
-        if total.step is not None:
-            which = f"{total.fault} in step {total.step}, {found.steps[total.step - 1].label}"
-            late = total.delay_worst
-            alarm = "" if late is None else f"At worst {which}, is noticed after {late:.2f} s. "
-            say(f"{alarm}Q in all is weighted with the time of the steps.")
         if found.tool:
             say("\nWhat the tool has to do:\n")
             columns = [Column("step"), Column("tool"), *numbers("from [s]", "to [s]")]
@@ -243,8 +263,8 @@ def print_program(found: ProgramDocument) -> None:
         say_command("To add a step:", found.add, "dim")
 
 
-def _slowest(faults: Collection[FaultMetrics]) -> Styled:
-    """The longest time until an alarm; never where no image is sure to show a fault."""
+def _latest(faults: Collection[FaultMetrics]) -> Styled:
+    """The longest time until a fault is noticed; never where no image is sure to show one."""
     delays = [fault.delay_worst for fault in faults]
     if not delays:
         return styled("-", "dim")

@@ -62,9 +62,9 @@ def numbers(*titles: str) -> list[Column]:
     return [Column(title, right=True) for title in titles]
 
 
-def delay(worst: float | None, unseen: float | None) -> str:
+def delay(worst: float | None, unseen: float | None) -> Styled:
     """A delay [s] as it stands in a column; unseen: the share of faults that may never be noticed."""
-    return "never" if unseen else seconds(worst)
+    return styled("never", "red") if unseen else seconds(worst)
 
 
 def seconds(t: float | None, sign: str = "") -> str:

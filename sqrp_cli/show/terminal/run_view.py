@@ -83,7 +83,7 @@ def live_view(
                 vote = found.cameras.get(camera)
                 parts.append((" " + "·" * len(camera), "dim") if vote is None else (f" {camera}", _STYLES[vote]))
             blind = found.value is Truth.UNKNOWN and not found.predicted
-            parts.append("  blind as predicted\n" if blind else "\n")
+            parts.append("  not seen, as predicted\n" if blind else "\n")
         show(joined([*parts, (last, "yellow")]))
 
     with ExitStack() as stack:
@@ -138,7 +138,7 @@ def event_in_words(event: Event) -> str | None:
 
 
 def print_run(found: RunReport) -> None:
-    """The outcome of a run: what was done, the faults, and whether predictions came true."""
+    """The outcome of a run, how late faults were noticed, whether images showed what was predicted, and the tables."""
     what = f"{'; '.join(found.labels)} in {found.workspace}: "
     tries = sum(step.attempts - 1 for step in found.steps)
     after = f" after {tries} {'retry' if tries == 1 else 'retries'}" if tries else ""
@@ -150,8 +150,22 @@ def print_run(found: RunReport) -> None:
         say(joined([what, ("stopped", "bold red"), f" at {found.time:.2f} s"]))
         stopped = "The robot stopped" if found.steps else "Nothing was commanded: the look stopped"
         say(f"{stopped} because {short_times(found.reason or '')}.")
-    for fault in found.missed:
-        say(f"No image showed {fault.name}, which happened at {seconds(fault.happened)} s.", "yellow")
+    for fault in found.faults:
+        label = found.label_of(fault)
+        if fault.delay is not None:
+            late = f", exceeded by {fault.excess:.3f} s" if fault.excess else ""
+            most = seconds(fault.predicted_delay)
+            predicted = "" if most == "-" else f" (predicted: at the latest after {most} s{late})"
+            say(f"Noticed after {fault.delay:.2f} s: {label}{predicted}.", "yellow" if late else None)
+        elif fault.happened is not None:
+            say(f"Never noticed: {label} at {fault.happened:.2f} s; no image showed it.", "red")
+        if fault.moved_on is not None:
+            say(
+                f"After it had seen {fault.name}, the robot moved on to look for {fault.moved_on:.2f} s: where it was, "
+                "the cameras could not judge whether to try again."
+            )
+    if (total := found.total).precision is not None:
+        say(f"{total.tp} of {total.tp + total.fp} predicted images showed what they should.")
     for number, step in enumerate(found.steps, 1):
         if step.end is not None and step.unseen:  # what no camera saw at its end, so that a fault may be unnoticed
             end = "the motion" if len(found.steps) == 1 else f"step {number}"
@@ -161,7 +175,17 @@ def print_run(found: RunReport) -> None:
             say(f"At the end of {end} no image shows {atoms}{then}.", "yellow")
     if found.faults:
         say()
-        _print_faults(found)
+        columns = ("asked\nfor", "happened", "noticed", "noticed\nafter", "predicted", "reacted", "done")
+        rows = [
+            [
+                found.label_of(fault),
+                *(seconds(t) for t in (fault.injected, fault.happened, fault.detected, fault.delay)),
+                seconds(fault.predicted_delay, "<="),
+                *(seconds(t) for t in (fault.acted, fault.recovered)),
+            ]
+            for fault in found.faults
+        ]
+        print_table([Column("fault [s]"), *numbers(*columns)], rows)
     if found.prediction:
         say()
         print_prediction(found.prediction, found.usual)
@@ -170,37 +194,13 @@ def print_run(found: RunReport) -> None:
     times = "once" if found.conflicts == 1 else f"{found.conflicts} times"
     facts = [f"cameras contradicted each other {times}"] if found.conflicts else []
     if found.tracking is not None:
-        facts.append(f"the tool was off its path by {1000 * found.tracking:.3f} mm rms")
+        facts.append(f"the tool was off its path by {1000 * found.tracking:.3f} mm (root mean square)")
     if facts:
         say("; ".join(facts).capitalize() + ".")
 
 
-def _print_faults(found: RunReport) -> None:
-    columns = ("injected", "t_f", "t_r", "t_r - t_f", "predicted", "t_redo", "t_e")
-    rows = [
-        [
-            found.label_of(fault),
-            *(seconds(t) for t in (fault.injected, fault.happened, fault.detected, fault.delay)),
-            seconds(fault.predicted_delay, "<="),
-            *(seconds(t) for t in (fault.acted, fault.recovered)),
-        ]
-        for fault in found.faults
-    ]
-    print_table([Column("fault [s]"), *numbers(*columns)], rows)
-    say("t_f happened, t_r seen, t_redo the robot responded, t_e the step was done", "dim")
-    for fault in found.faults:
-        if fault.moved_on is not None:
-            say(
-                f"After it had seen {fault.name}, the robot moved on to look for {fault.moved_on:.2f} s: where it was, "
-                "the cameras could not judge whether to try again."
-            )
-    for fault in found.faults:
-        if fault.excess:
-            say(f"The images showed {fault.name} {fault.excess:.3f} s later than predicted at worst.", "yellow")
-
-
 def print_prediction(prediction: Sequence[Prediction], usual: Sequence[Prediction]) -> None:
-    """How often images showed what they were promised to show, or else usually show."""
+    """How often images showed what they were predicted to show, or else mostly show."""
 
     def cells(found: Confusion, rest: Confusion) -> list[Any]:
         share = found.precision
@@ -209,8 +209,8 @@ def print_prediction(prediction: Sequence[Prediction], usual: Sequence[Predictio
         others = (f"{some} of {some + more}" for some, more in ((rest.tp, rest.fp), (rest.fn, rest.tn)))
         return [str(found.tp + found.fp), styled(true, style), *others]
 
-    titles = ("images\npromised", "came true", "usual images\nthat showed it", "others that\nshowed it")
-    columns = [Column("literal"), Column("camera"), *numbers(*titles)]
+    titles = ("predicted\nimages", "showed it", "not counted on,\nbut most show it", "others that\nshowed it")
+    columns = [Column("fact"), Column("camera"), *numbers(*titles)]
     rows, of_all = [], (Confusion(), Confusion())
     for number, (step, others) in enumerate(zip(prediction, usual, strict=True), 1):
         for atom, cameras in step.items():
@@ -225,14 +225,12 @@ def print_prediction(prediction: Sequence[Prediction], usual: Sequence[Predictio
             row[0] = "" if row[0] == above[0] else row[0]
     rows.append([styled("all", "bold"), "", *cells(*of_all)])
     print_table(columns, rows)
-    if of_all[1].tp + of_all[1].fp:
-        say("usual images were not promised to show the literal, but such images mostly do", "dim")
 
 
 def print_disagreements(found: Sequence[Disagreement], steps: int) -> None:
     """Where predictions were wrong: stretches of images of a camera, the overconfident ones first.
 
-    Not among them are images that were not promised to show what they usually show.
+    Not among them are images that were not counted on but mostly show it.
 
     steps: of the program; where there are several, each row names its own.
     """
@@ -241,7 +239,7 @@ def print_disagreements(found: Sequence[Disagreement], steps: int) -> None:
         if not one.usual:
             groups.setdefault((not one.predicted, one.step, one.atom, one.camera, one.seen), []).append(one)
     shown_groups = sorted(groups.items())[:MOST_DISAGREEMENTS]
-    for unforeseen, title in ((False, "Promised, but not seen:"), (True, "Seen, though neither promised nor usual:")):
+    for unforeseen, title in ((False, "Predicted, but not seen:"), (True, "Seen, though not predicted:")):
         rows = []
         for (is_unforeseen, step, atom, camera, seen), images in shown_groups:
             if is_unforeseen is unforeseen:
@@ -250,15 +248,20 @@ def print_disagreements(found: Sequence[Disagreement], steps: int) -> None:
                 times, shares = [round(one.t, 3) for one in images], [one.share for one in images]
                 reasons = ", ".join(sorted({one.because for one in images}))
                 label = atom if steps == 1 else f"{step + 1}: {atom}"
-                shown = seen if unforeseen else f"{seen} ({reasons})"
-                between = f"{min(times):.1f} - {max(times):.1f}"
-                judged = f"{100 * min(shares):.0f} - {100 * max(shares):.0f}"
-                rows.append([label, camera, shown, str(len(images)), between, judged])
+                shown = "none" if seen == "blind" else seen
+                shown += "" if unforeseen else f" ({reasons})"
+                ends = (
+                    (f"{min(times):.1f}", f"{max(times):.1f}"),
+                    (f"{100 * min(shares):.0f}", f"{100 * max(shares):.0f}"),
+                )
+                rows.append(
+                    [label, camera, shown, str(len(images)), *(" - ".join(dict.fromkeys(each)) for each in ends)]
+                )
         if rows:
             say()
             say(title)
-            columns = [Column("literal"), Column("camera"), Column("shown", shrink=True)]
-            print_table([*columns, *numbers("images", "from - to [s]", "judged [%]")], rows)
+            columns = [Column("fact"), Column("camera"), Column("shown", shrink=True)]
+            print_table([*columns, *numbers("images", "from - to [s]", "visible [%]")], rows)
     if len(groups) > MOST_DISAGREEMENTS:
         say(f"and {len(groups) - MOST_DISAGREEMENTS} more; --json lists every image", "dim")
 
@@ -279,6 +282,31 @@ def _print_swept(found: SweepDocument) -> None:
     instants = f"{len(runs)} instant{'' if len(runs) == 1 else 's'}"
     step = "" if alone else f"step {found.step}, "
     say(f"{step}{found.steps[found.step - 1]} in {found.workspace}: {found.sweep} at {instants}")
+    happened = [run for run in runs if run.happened is not None]
+    ends = [run.recovered for run in runs if run.recovered is not None]
+    if delays := [run.delay for run in happened if run.delay is not None]:
+        done = f"; done after {sum(ends) / len(ends):.1f} s on average" if ends else ""
+        mean = sum(delays) / len(delays)
+        say(f"Noticed after {mean:.2f} s on average, at the latest after {max(delays):.2f} s{done}.")
+    missed = [f"{run.x:.2f}" for run in runs if run.outcome == "missed"]
+    if missed:
+        say(f"Never noticed: the slip at {', '.join(missed)} s; no image showed it.", "red")
+    unpromised = [run.delay for run in happened if run.predicted_delay is None]
+    if found.predictable:
+        sooner = f"{found.sooner} sooner by more than {1000 * found.tolerance:.0f} ms"
+        excess = max(run.excess for run in happened)
+        late = f" by up to {excess:.3f} s" if excess else ""
+        say(
+            f"{found.seen} of {found.predictable} slips that are predicted to be noticed were: "
+            f"{found.as_predicted} as predicted, {sooner}, {found.later} later{late}.",
+            "yellow" if excess else None,
+        )
+    if unpromised:
+        which = "other slips" if found.predictable else "slips"
+        seen = f"{sum(delay is not None for delay in unpromised)} of {len(unpromised)}"
+        say(f"Not counted on, but noticed: {seen} {which}.")
+    elif not found.predictable:
+        say("No slip came true.")
     say()
     rows = [
         [
@@ -290,41 +318,17 @@ def _print_swept(found: SweepDocument) -> None:
         ]
         for run in runs
     ]
-    print_table([*numbers("slip at", "t_f", "t_r", "t_r - t_f", "predicted", "t_e"), Column("outcome")], rows)
-    clocks = "all in s" if alone else f"in s of the run (slip at: of step {found.step})"
-    say(f"t_f it happened, t_r it was seen, t_e the step was done, {clocks}", "dim")
-    # Why runs stopped, each reason once, and which slips nobody noticed.
+    titles = ("slip at\n[s]", "happened\n[s]", "noticed\n[s]", "noticed\nafter [s]", "predicted\n[s]", "done\n[s]")
+    print_table([*numbers(*titles), Column("outcome")], rows)
+    if not alone:
+        say(f"slip at: since step {found.step} began; others: since the run began", "dim")
+    # Why runs stopped, each reason once.
     stopped: dict[str, list[str]] = {}
     for run in runs:
         if run.outcome == "stopped":
             stopped.setdefault(run.reason or "", []).append(f"{run.x:.2f}")
     for reason, places in stopped.items():
-        say(f"Stopped with the slip at {', '.join(places)}: {short_times(reason)}.")
-    missed = [f"{run.x:.2f}" for run in runs if run.outcome == "missed"]
-    if missed:
-        say(f"Missed: no image showed the slip at {', '.join(missed)}.", "red")
-    say()
-    happened = [run for run in runs if run.happened is not None]
-    unpromised = [run.delay for run in happened if run.predicted_delay is None]
-    if found.predictable:
-        sooner = f"{found.sooner} sooner by more than {1000 * found.tolerance:.0f} ms"
-        say(
-            f"{found.seen} of {found.predictable} slips that the prediction says can be seen were seen: "
-            f"{found.as_predicted} as predicted, {sooner}, {found.later} later than predicted at worst."
-        )
-        excess = max(run.excess for run in happened)
-        if excess:
-            say(f"These exceed what was predicted by up to {excess:.3f} s.", "yellow")
-    if unpromised:
-        which = "the others" if found.predictable else "the slips"
-        seen = f"{sum(delay is not None for delay in unpromised)} of {len(unpromised)} were seen"
-        say(f"No image is promised to show {which}, but usual images may: {seen}.")
-    elif not found.predictable:
-        say("No slip came true.")
-    ends = [run.recovered for run in runs if run.recovered is not None]
-    if delays := [run.delay for run in happened if run.delay is not None]:
-        done = f"; done after {sum(ends) / len(ends):.1f} s on average" if ends else ""
-        say(f"Seen after {sum(delays) / len(delays):.2f} s on average, {max(delays):.2f} s at worst{done}.")
+        say(f"Stopped with the slip at {', '.join(places)} s: {short_times(reason)}.")
 
 
 def wall_time(found: RunReport) -> str:
@@ -340,7 +344,14 @@ def wall_time(found: RunReport) -> str:
 
 
 def print_audit(found: AuditDocument) -> None:
-    """What a recording says about a program's predictions, and what of it is not compared or counts as blind."""
+    """Whether a recording shows what a program predicts, what of it is not compared, and the tables."""
+    wrong = f"Not passed: {listed(found.not_as_stated)}. " if found.not_as_stated else ""
+    if found.precision is None:
+        say(f"{wrong}No image was predicted to show anything, so there is nothing to confirm.")
+    else:
+        verdict = wrong or ("Passed: " if found.passed else "Not passed: ")
+        seen = f"{100 * found.precision:.1f} % of the predicted images showed it"
+        say(f"{verdict}{seen} ({100 * found.threshold:g} % needed).", "green" if found.passed else "red")
     what = "; ".join(found.steps)
     say(f"{what} in {found.workspace}: {found.images} images compared, {found.skipped} skipped (not as planned)")
     if found.runs > 1:
@@ -358,7 +369,10 @@ def print_audit(found: AuditDocument) -> None:
             said += f" Images of no camera are on {first_names(topics)}: --topic {found.missing[0]}={topics[0]}"
         say(said, "yellow")
     if found.repeated:
-        say(f"{found.repeated} images are bit by bit the same as the one before them; they count as blind.", "yellow")
+        say(
+            f"{found.repeated} images are bit by bit the same as the one before them; they count as showing nothing.",
+            "yellow",
+        )
     for number, (whole, t) in enumerate(zip(found.times, found.until, strict=True), 1):
         motion = "the motion" if len(found.steps) == 1 else f"step {number}"
         if t is None:
@@ -377,14 +391,6 @@ def print_audit(found: AuditDocument) -> None:
     for one in found.lost:
         since = f"From {one.t:.2f} s of step {one.step} on, `{one.atom}` is false in each of the {one.images} images"
         say(f"{since} that show it: perhaps the part was lost there, and its detector is right.", "yellow")
-    say()
-    wrong = f" Not passed: {listed(found.not_as_stated)}." if found.not_as_stated else ""
-    if found.precision is None:
-        say(f"No image was predicted to show anything, so there is nothing to confirm.{wrong}")
-    else:
-        verdict = "at least" if found.precision >= found.threshold else "less than"
-        seen = f"{100 * found.precision:.1f} % of what was predicted to be seen was seen"
-        say(f"{seen}, {verdict} {100 * found.threshold:g} %.{wrong}")
 
 
 def _print_cameras(cameras: Mapping[str, AuditedCamera], *, written: bool) -> None:

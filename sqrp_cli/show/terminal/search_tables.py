@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable
+from math import inf
 from time import monotonic
 
-from sqrp_cli.figures import AdvisedFigures, Figures, named_figures
+from sqrp_cli.figures import AdvisedFigures, Figures, shown_figure
 from sqrp_cli.score.result import Scorecard, ScoredVariant, Sweep, listed
 from sqrp_cli.search.advice_result import AdviceDocument
-from sqrp_cli.search.goal import MOTION, Goal, shown_size
+from sqrp_cli.search.goal import MOTION, shown_size
 from sqrp_cli.search.placing_result import PlaceDocument, count_in_words
 from sqrp_cli.show.placement_words import placement_in_words
 from sqrp_cli.show.sentences import KIND_WORDS
@@ -29,52 +30,50 @@ from sqrp_cli.show.terminal.console import (
     styled,
 )
 from sqrp_cli.show.terminal.progress_lines import PERIOD, lines_wanted
+from sqrp_cli.show.terminal.rank_table import print_infeasible
 
-_FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nat worst")
+_FIGURES = ("noticed\nat the\nlatest [s]", "critical\ntime\nseen [%]", "time\nseen\n[%]", "takes\n[s]")
 
 _STYLES = {"passed": "green", "failed": "red", "error": "bold red"}
 
 ROWS = 20  # variants in the table; the document has all
 
 
-def _figures_of(one: AdvisedFigures | Figures | ScoredVariant) -> list[str]:
+def _figures_of(one: AdvisedFigures | Figures | ScoredVariant) -> list[Styled]:
     """The cells of `_FIGURES`."""
     shares = ("-" if share is None else f"{100 * share:.1f}" for share in (one.q_eoi, one.q_avg))
     worst = one.delay if isinstance(one, ScoredVariant) else one.delay_worst
-    return [*shares, seconds(one.time), delay(worst, one.unseen)]
+    return [delay(worst, one.unseen), *shares, seconds(one.time)]
 
 
 def print_advice(found: AdviceDocument, *, written: bool = False) -> None:
-    """The table with a row for each change that meets the goal, why other kinds do not, and what to do.
+    """What to do and what it costs, the table with a row for each change that meets the goal, and details.
 
     written: whether a change was written to a file.
     """
-    say(joined([(found.task, "bold"), f" in {found.workspace}: {found.candidate} is to have {found.want}\n"]))
     command = _conclude(found, written=written)
-    as_it_is = "Now, in its fastest way" if found.starts_fastest else "In its best way, as rank takes it"
-    say(f"{as_it_is}, it has {_in_words(found.before, found.want)}.")
-    if found.best is not None and not found.met:
-        say(
-            f"The way that rank and score take meets the goal already, with {_in_words(found.best, found.want)}; what "
-            "follows is for the motion of --ways first, which is planned without a look at the cameras."
-        )
+    way = "in its first way" if found.starts_fastest else "as rank does it"
+    wanted = f" in {found.workspace}; wanted of {found.candidate} {way}: {found.want}"
+    say(joined(["\n", (found.task, "bold"), wanted]))
     if found.advice:
         say()
         rows: list[list[Styled]] = []
         for number, one in enumerate(found.advice, 1):
             room = "-" if one.margin is None else shown_size(one.size + one.margin.more, one.unit)
             rows.append([str(number), one.words, *_figures_of(one), room])
-        print_table([*numbers("#"), Column("change", shrink=True), *numbers(*_FIGURES, "up to")], rows)
+        print_table([*numbers("#"), Column("change", shrink=True), *numbers(*_FIGURES, "works\nup to")], rows)
     for number, cost in ((number, cost) for number, one in enumerate(found.advice, 1) for cost in one.costs):
-        say(joined([(f"#{number} costs", "red"), f" {cost}"]), indent=4)
-    if found.whose_figures:
-        say(found.whose_figures)
+        say(joined([(f"#{number} makes worse:", "red"), f" {cost}"]), indent=4)
     unmet: dict[str, list[str]] = {}
     for kind in (kind for kind in found.kinds if not kind.found):
-        near = "" if kind.nearest is None else f"; {kind.nearest}{kind.nearest.limit and f': {kind.nearest.limit}'}"
-        unmet.setdefault(f"{kind.why}{near}", []).append(KIND_WORDS[kind.kind])
+        why = kind.why or ""
+        if kind.nearest is not None:
+            why = f"not enough; {kind.nearest}{kind.nearest.limit and f': {kind.nearest.limit}'}"
+        unmet.setdefault(why, []).append(KIND_WORDS[kind.kind])
     for why, kinds in unmet.items():
-        say(joined([("no   ", "dim"), f" {', '.join(kinds)}: {why}"]), indent=6)
+        say(f"{', '.join(kinds).capitalize()}: {why}.", indent=4)
+    if found.whose_figures:
+        say(found.whose_figures, "dim")
     if command:
         say()
         say_command(*command)
@@ -85,43 +84,62 @@ def _conclude(found: AdviceDocument, *, written: bool) -> tuple[str, str] | None
     """Say what to do, or what comes nearest or has to be done before; the command that does it, with its words."""
     if found.interrupted:
         say("Interrupted before all kinds were searched.")
+    now, command = f"Now {found.candidate} {_in_words(found.before)}.", None
     if found.met:
-        say("That is met already: nothing has to change.")
+        say("That is met already: nothing has to change.", "bold")
         if found.unnoticed:
             say(f"{found.unnoticed}.")
-            return "To have faults noticed sooner, add", "--want 'delay 1 s'"
+            command = "To have faults noticed sooner, add", "--want 'delay 1 s'"
     elif not found.advice:
         nothing = "Nothing that was searched so far is enough" if found.interrupted else "Nothing is enough"
         if found.nearest is not None:
-            say(f"{nothing}; {found.nearest}.")
+            say(f"{nothing}; {found.nearest}.", "bold")
         elif found.first:
-            say(f"No change helps: {found.first}.")
-            return "These steps as a program:", "sqrp check WORKSPACE TASK --program FILE"
+            say(f"No change helps: {found.first}.", "bold")
+            command = "These steps as a program:", "sqrp check WORKSPACE TASK --program FILE"
         elif found.kinds:
-            say(f"{nothing}.")
+            say(f"{nothing}.", "bold")
     else:
         number = next((n for n, one in enumerate(found.advice, 1) if one.kind in MOTION or not one.worse), 1)
         one = found.advice[number - 1]
         judged = " with --ways first" if found.ways == "first" else ""
-        cost = "what it costs is said below" if one.worse else f"no task gets worse{judged}"
-        words = f"{one.words[0].upper()}{one.words[1:]}: {found.candidate} then has {_in_words(one, found.want)}"
-        say(f"{words}, and {cost}.")
-        if one.unwritten:
-            say(f"No patch: {one.unwritten}.")
+        cost = "What gets worse is below." if one.worse else f"No task gets worse{judged}."
+        say(f"{one.words[0].upper()}{one.words[1:]}.", "bold")
+        now = f"Then {found.candidate} {_in_words(one, found.before)}. {cost}"
+        now += f" No patch: {one.unwritten}." if one.unwritten else ""
         if one.patch and not written:
-            return "To have it, add", f"--apply {number}"
-    return None
+            command = "To have it, add", f"--apply {number}"
+    say(now)
+    if found.best is not None and not found.met:
+        say(
+            f"As `rank` and `score` do it, it meets that already: it {_in_words(found.best)}. The rest is "
+            "for --ways first, a motion that is planned without a look at the cameras."
+        )
+    return command
 
 
-def _in_words(found: AdvisedFigures, want: Goal) -> str:
-    """The figures of a candidate; how late faults are seen only where that is asked for."""
+def _in_words(found: AdvisedFigures, before: AdvisedFigures | None = None) -> str:
+    """The figures of a candidate as the end of a sentence, with those before where they differ."""
     if found.time is None:
-        return "no feasible motion"
-    parts = [*named_figures(found, "q_eoi", "q_avg"), f"{found.time:.1f} s"]
-    if want.delay is not None and found.unseen is not None:
-        late = f"a fault seen after {found.delay_worst:.2f} s at worst" if found.delay_worst is not None else ""
-        parts.append(late or "a fault that may never be noticed")
-    return ", ".join(parts)
+        return "cannot be done"
+    seen, rest = list[str](), list[str]()
+    for name, words in (
+        ("q_eoi", "{} of the critical time"),
+        ("q_avg", "{} of the time"),
+        ("time", "it takes {}"),
+        ("delay_worst", "a fault is noticed at the latest after {}"),
+    ):
+        new, old = (
+            ""
+            if one is None
+            else shown_figure(name, inf if name == "delay_worst" and one.unseen else getattr(one, name))
+            for one in (found, before)
+        )
+        if new != "-":
+            words = "a fault may {} be noticed" if new == "never" else words
+            now = f" (now {old})" if old not in ("", new) else ""
+            (seen if name.startswith("q_") else rest).append(words.format(new) + now)
+    return "; ".join([f"is seen {' and '.join(seen)}" if seen else "has nothing to be seen", *rest])
 
 
 MOST_UNSEEN = 8  # most targets that are named where a goal cannot be met
@@ -144,24 +162,21 @@ def bounds_reporter() -> Callable[[str, float | None, float], None]:
 
 
 def print_placement(found: PlaceDocument, *, written: bool = False) -> None:
-    """The cameras, the figures of the candidates with them, and the proof. written: whether a patch was written."""
+    """Where to put cameras, what is proven, the tables, and details. written: whether a patch was written."""
     said = placement_in_words(found)
-    say(joined([(", ".join(found.tasks), "bold"), f" in {found.workspace}\n"]))
     if said.unmet:
         say(said.unmet, style="red")
         for unseen in found.unseen[:MOST_UNSEEN]:
             say(f"  {unseen.candidate}: {unseen}", indent=4)
         if len(found.unseen) > MOST_UNSEEN:
             say(f"  and {len(found.unseen) - MOST_UNSEEN} more, see --json", indent=4)
-    elif found.cameras:
-        places = " and ".join(f"{one.name} at {one.mount}" for one in found.cameras)
-        say(f"Put {places}: the {found.by} Q is then {100 * found.objective:.1f} %.")
+    elif said.put:
+        say(said.put, "bold")
     say(found.proof)
     if found.survive:
         say("Counted is only what is still seen if any one of the cameras fails.")
         _print_price(found)
-    for words in filter(None, (said.moves, said.other_ways, said.scope)):
-        say(words)
+    say(joined(["\n", (", ".join(found.tasks), "bold"), f" in {found.workspace}"]))
     if found.cameras:
         say()
         columns = [Column("camera"), Column("mount"), Column("lens", shrink=True), Column("where [m]")]
@@ -181,10 +196,12 @@ def print_placement(found: PlaceDocument, *, written: bool = False) -> None:
         columns = [*([Column("task")] if several else []), Column("candidate")]
         rows = [[*([one.task] if several else []), one.candidate, *_figures_of(one)] for one in found.candidates]
         print_table([*columns, *numbers(*_FIGURES)], rows)
-    for no in found.infeasible:
-        say(joined([("no   ", "dim"), f" {no.task}: {no.candidate}: {no.reason}"]), indent=6)
+    several = len(found.tasks) > 1
+    print_infeasible((f"{one.task}: " * several + one.candidate, {}, one.reason) for one in found.infeasible)
     say()
-    say(f"Compared were {said.comparison}.")
+    for words in filter(None, (said.moves, said.other_ways)):
+        say(words)
+    say(f"Compared were {said.comparison}. {said.scope}", "dim")
     if found.patch and not written:
         say_command("To have it, add", "--patch FILE")
     say_assumed(found.assumed)
@@ -199,31 +216,35 @@ def _print_price(found: PlaceDocument) -> None:
     worse = without.objective - found.objective
     costs = [f"{count_in_words(more)} more camera{'' if more == 1 else 's'}"] if more > 0 else []
     costs += [f"a price of {dearer:g}"] if dearer > 1e-9 else []
-    costs += [f"{100 * worse:.1f} points of the {found.by} Q"] if worse > 5e-4 else []
+    case = "worst case" if found.by == "least" else "mean"
+    costs += [f"{100 * worse:.1f} points of the {case}"] if worse > 5e-4 else []
     if costs:
-        have = f"{count_in_words(without.cameras)} with a {found.by} Q of {100 * without.objective:.1f} % would do"
+        have = f"{count_in_words(without.cameras)} would do ({case} {100 * without.objective:.1f} %)"
         say(f"That costs {' and '.join(costs)}: if none could fail, {have}.")
     else:
         say(f"That costs nothing: if none could fail, it would be {count_in_words(without.cameras)}, too.")
 
 
 def print_scorecard(findings: Scorecard) -> None:
-    """The table with a row per task, then a sentence for every failure; of two versions what differs."""
+    """Whether all tasks pass, and why not; the table, failing tasks first; of two versions what differs."""
     if findings.document == "diff":
         print_difference(findings)
         return
-    if findings.results:
-        rows: list[list[Styled]] = []
-        for one in findings.results:
-            best = ["", "", "", "", ""] if one.best is None else [one.best.name, *_figures_of(one.best)]
-            rows.append([one.workspace, one.task or "", *best, styled(one.status, _STYLES[one.status])])
-        columns = [Column("workspace", shrink=True), Column("task", shrink=True), Column("best", shrink=True)]
-        print_table([*columns, *numbers(*_FIGURES), Column("")], rows)
+    if findings.results or findings.interrupted:
+        say(passed_in_words(findings), "bold")
     for score in findings.results:
         for reason in score.reasons:
             named = score.task is None or reason.startswith(score.task)
             where = score.workspace if named else score.named
-            say(joined(["\n", (score.status, _STYLES[score.status]), f" {where}: {reason}"]))
+            say(joined([(score.status, _STYLES[score.status]), f" {where}: {reason}"]), indent=2)
+    if findings.results:
+        rows: list[list[Styled]] = []
+        for one in sorted(findings.results, key=lambda one: list(_STYLES).index(one.status), reverse=True):
+            best = [""] * 5 if one.best is None else [one.best.name, *_figures_of(one.best)]
+            rows.append([one.workspace, one.task or "", *best, styled(one.status, _STYLES[one.status])])
+        columns = [Column("workspace", shrink=True), Column("task", shrink=True), Column("best", shrink=True)]
+        say()
+        print_table([*columns, *numbers(*_FIGURES), Column("")], rows)
     # Improvements, new and vanished tasks, and what changed where nothing got worse.
     for result in findings.results:
         comparison = result.baseline
@@ -248,10 +269,6 @@ def print_scorecard(findings: Scorecard) -> None:
     for workspace, changes in findings.changes.items():
         if changes and workspace not in worse:
             say(joined(["\n", ("changed", "dim"), f" {workspace}, with no effect: {listed(changes)}"]))
-    if findings.results:
-        say()
-    if findings.results or findings.interrupted:
-        say(passed_in_words(findings))
 
 
 def print_difference(findings: Scorecard) -> None:
@@ -260,44 +277,49 @@ def print_difference(findings: Scorecard) -> None:
         say("Interrupted before the two versions could be compared.")
         return
     changes = [change for changes in findings.changes.values() for change in changes]
-    say("What differs in the workspace:" if changes else "Nothing that matters differs in the workspace.")
-    for change in changes:
-        say(f"  {change}", indent=4)
     ways = [(result, change) for result in findings.results if result.baseline for change in result.baseline.ways]
-    say("\nWhat that does:" if ways else "\nNo task gets better or worse.")
+    if not ways:
+        say("No task gets better or worse.", "bold")
     for result, way in ways:
         mixed = any(not shift.worse for shift in way.shifts)
         mark = ("better", "green") if not way.worse else ("mixed ", "yellow") if mixed else ("worse ", "red")
-        say(joined(["  ", mark, f"  {result.task} for {way}"]), indent=10)
+        say(joined([mark, f"  {result.task} for {way}"]), indent=8)
     for result in findings.results:
         if result.baseline and result.baseline.verdict == "new":
-            say(joined(["  ", ("new   ", "yellow"), f"  {result.task}"]), indent=10)
+            say(joined([("new   ", "yellow"), f"  {result.task}"]), indent=8)
         for name in result.baseline.gone if result.baseline else ():
-            say(joined(["  ", ("gone  ", "yellow"), f"  {result.task} for {name}"]), indent=10)
+            say(joined([("gone  ", "yellow"), f"  {result.task} for {name}"]), indent=8)
     for vanished in findings.vanished:
-        say(joined(["  ", ("gone  ", "yellow"), f"  {vanished.task}"]), indent=10)
+        say(joined([("gone  ", "yellow"), f"  {vanished.task}"]), indent=8)
+    say("\nWhat differs in the workspace:" if changes else "\nNothing that matters differs in the workspace.")
+    for change in changes:
+        say(f"  {change}", indent=4)
     if changes:
-        say("Compared are the best ways of both versions; what changes by less than --allow is left out.")
+        say("Compared are the best ways of both; what changes by less than --allow is left out.", "dim")
 
 
 def passed_in_words(findings: Scorecard) -> str:
-    """The sentence that ends a run."""
-    total = len(findings.results) + (findings.unfinished or 0)
-    of_all = f"of {total} task{'s' if total != 1 else ''}"
-    counts = [f"{findings.count('passed')} {of_all} passed"]
-    if findings.interrupted:
-        done = len(findings.results)
-        were = "was" if 1 in (done, total) else "were"
-        counts = [f"Interrupted: {done} {of_all} {were} finished", f"{findings.count('passed')} passed"]
-    counts += [f"{findings.count('failed')} failed"] if findings.count("failed") else []
-    errors = findings.count("error")
-    counts += [f"{errors} could not be scored"] if errors else []
-    counts += [f"{len(findings.vanished)} vanished"] if findings.vanished and not findings.may_vanish else []
-    return ", ".join(counts) + "."
+    """The sentence that begins the output: how many tasks pass."""
+    total, passed = len(findings.results) + (findings.unfinished or 0), findings.count("passed")
+    tasks, gone = f"{total} task{'s' if total != 1 else ''}", 0 if findings.may_vanish else len(findings.vanished)
+    if passed == total and not gone:
+        return "The task passes." if total == 1 else f"All {tasks} pass."
+    statuses = ("failed", "failed"), ("error", "could not be scored"), ("passed", "passed")
+    counts = [f"{findings.count(status)} {words}" for status, words in statuses if findings.count(status)]
+    counts += [f"{gone} vanished"] if gone else []
+    done = f"{len(findings.results)} of {tasks} {'was' if 1 in (len(findings.results), total) else 'were'} finished"
+    return f"{f'Interrupted: {done}' if findings.interrupted else f'Of {tasks}'}, {', '.join(counts)}."
 
 
 def print_variants(found: Sweep) -> None:
-    """The table of variants, the best first, and the command that applies the best."""
+    """The best variant and the command that applies it, then the table, the best first."""
+    if found.patch is None:
+        say("None is better than the workspace as it is.\n", "bold")
+    else:
+        values = ", ".join(f"{path} = {value}" for path, value in found.best.items())
+        among = "" if found.equals == 1 else f" Of {found.equals} that are as good it has the most room around it."
+        say(f"Take {values}.{among} To have it:", "bold")
+        say_line(f"  patch {shlex.quote(found.file)} < {shlex.quote(found.patch)}\n")
     paths = max((list(one.values) for one in found.variants), key=len)
     columns = [Column("#", right=True), *(Column(name, right=True, shrink=True) for name in column_titles(paths))]
     columns += numbers(*_FIGURES, "can be\ndone", "tasks\npassed")
@@ -324,14 +346,6 @@ def print_variants(found: Sweep) -> None:
     if len(found.variants) > len(shown):
         say(styled(f"{len(found.variants) - len(shown)} more are in the document of --json.", "dim"))
     say(styled("Figures are means over the choices of objects, of every task, that can be done.", "dim"))
-    say()
-    if found.patch is None:
-        say("None is better than the workspace as it is.")
-        return
-    values = ", ".join(f"{path} = {value}" for path, value in found.best.items())
-    among = "" if found.equals == 1 else f" Of {found.equals} that are as good it has the most room around it."
-    say(f"Best is {values}.{among} To have it:")
-    say_line(f"  patch {shlex.quote(found.file)} < {shlex.quote(found.patch)}")
 
 
 def column_titles(paths: list[str]) -> list[str]:

@@ -18,7 +18,7 @@ const TERMS = {
   'longest time unseen': 'The longest time within the critical time in which the cameras do not see all that must be seen.',
   'done after a retry': 'When the task is done if the fault happens: noticed, stopped, moved back and done once more; on average.',
   'in truth': 'What was so in the simulation. The monitors do not know it: they judge by images alone.',
-  'predictions that came true': 'Of the images that the program says show a fact, the share that did.',
+  'predicted images that showed it': 'Of the images that the program says show a fact, the share that did.',
   'it was noticed after': 'From when the fault happened until an image showed it.',
   predicted: 'The most that the program says it takes.',
 };
