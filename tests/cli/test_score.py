@@ -201,7 +201,7 @@ def test_versions_with_the_same_bytes_are_compared_without_computing(sqrp, watch
     monkeypatch.setattr("sqrp_cli.score.compute.open_computer", None)
     outcome = sqrp("diff", watch, own_watch)
     assert outcome.code == 0
-    assert outcome.out == "Nothing that matters differs in the workspace.\n\nNo task gets better or worse.\n"
+    assert outcome.out == "No task gets better or worse.\n\nNothing that matters differs in the workspace.\n"
 
 
 @pytest.mark.parametrize(

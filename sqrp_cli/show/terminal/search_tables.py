@@ -308,7 +308,7 @@ def passed_in_words(findings: Scorecard) -> str:
     counts = [f"{findings.count(status)} {words}" for status, words in statuses if findings.count(status)]
     counts += [f"{gone} vanished"] if gone else []
     done = f"{len(findings.results)} of {tasks} {'was' if 1 in (len(findings.results), total) else 'were'} finished"
-    return f"{f'Interrupted: {done}' if findings.interrupted else f'Of {tasks}'}, {', '.join(counts)}."
+    return ", ".join([f"Interrupted: {done}" if findings.interrupted else f"Of {tasks}", *counts]) + "."
 
 
 def print_variants(found: Sweep) -> None:
