@@ -50,7 +50,9 @@ def options(
         False, "-V", "--version", help="Print the version.", is_eager=True, callback=_print_version
     ),
     quiet: bool = typer.Option(False, "-q", "--quiet", help="Only results and errors: no warnings, notes or progress."),
-    verbose: bool = typer.Option(False, "-v", "--verbose", help="Say more: how exact figures are, and how long each step takes."),
+    verbose: bool = typer.Option(
+        False, "-v", "--verbose", help="Say more: how exact figures are, and how long each step takes."
+    ),
     debug: bool = typer.Option(False, "--debug", help="Show the traceback of an internal error."),  # noqa: ARG001 - in `execute`
 ) -> None:
     """Options of every command, before it or after it."""
