@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.detector import ALIKE, BORDER, EMPTY, FULL, LEAST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
 from sqrp_cli.cell.scene import FLOOR_DEPTH
-from sqrp_cli.geometry import Array, Indices, Mask, transform
+from sqrp_cli.geometry import Array, Mask, transform
 from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.logic.image_time import Onset
@@ -102,17 +102,25 @@ _NEVER = 1e3
 """How long after the motion what no image shows is shown [s]: after all windows."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class DropOnset(Onset):
-    """From when on images show that the tool has lost a part, and what holds them up."""
+class ShownDrops(NamedTuple):
+    """When s drops of a part are shown by c cameras, and what takes each so long."""
 
     part: str
-    lost: Array
-    """Instants at which it is lost, shape (s,) [s]."""
-    slowest: Indices
-    """Of each the camera that shows it last, by index, (s,)."""
+    x: Array
+    """When the fault becomes true, shape (s,) [s]."""
+    each: Array
+    """From when on each camera that may judge a drop shows it, -inf of the others, (c, s) [s]."""
+    usual: Array
+    """From when on all of them together usually do, (s,) [s]."""
     causes: NDArray[np.str_]
-    """Of each why that camera takes so long, a `LateCause`."""
+    """What takes each camera longest, a `LateCause`, (c, s)."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DropOnset(Onset):
+    """From when on images show that the tool has lost a part."""
+
+    drops: ShownDrops
 
 
 class SeenOffset(NamedTuple):
@@ -180,28 +188,20 @@ def onset(
     found = _shown(stage, observer, literals, targets, interval, of_one_cell=True)
     if found is None or not observer.cameras:
         return Onset.at_once(interval.start, interval.end)
-    x, usual, slowest = found.x, found.usual, found.each.max(axis=0)
     fingers, closing = stage.model.fingers, 0.0  # how long they take to close behind what they lose [s]
     if fingers.joints:  # the windows are those of closed fingers
         start = stage.positions(stage.samples_at(np.array([interval.start])))[0, len(stage.model.arm) :]
         closing = move_fingers(fingers, start, fingers.closed, 0.0).duration
-    camera = found.each.argmax(axis=0)
-    cause = np.where(slowest < x + closing, "fingers_close", found.causes[camera, np.arange(len(x))])
-    slowest = np.maximum(slowest, x + closing)
+    closed = found.x + closing
+    causes = np.where(found.each < closed, "fingers_close", found.causes)
+    found = found._replace(each=np.maximum(found.each, closed), causes=causes)
+    x, usual, slowest = found.x, found.usual, found.each.max(axis=0)
     # What takes longer by more than a step is shown later at once, where between two starts is not known.
     jumps = np.flatnonzero(np.diff(slowest - x) > _STEP) + 1
     x, before = np.insert(x, jumps, x[jumps - 1] + 1e-6), usual[jumps - 1]
     surely = _between(x, np.insert(slowest, jumps, slowest[jumps]), interval)
     usually = _between(x, np.insert(usual, jumps, before), interval)
-    return DropOnset(
-        surely.x,
-        surely.shown,
-        np.minimum(usually.shown, surely.shown),
-        part=found.part,
-        lost=found.x,
-        slowest=camera,
-        causes=cause,
-    )
+    return DropOnset(surely.x, surely.shown, np.minimum(usually.shown, surely.shown), drops=found)
 
 
 def least_delays(
@@ -226,20 +226,6 @@ def least_delays(
     return np.array([(one.shown - one.x + response).max() for one in alone])
 
 
-class _Shown(NamedTuple):
-    """When s drops are shown by c cameras."""
-
-    part: str
-    x: Array
-    """When the fault becomes true, shape (s,) [s]."""
-    each: Array
-    """From when on each camera that may judge a drop shows it, -inf of the others, (c, s) [s]."""
-    usual: Array
-    """From when on all of them together usually do, (s,) [s]."""
-    causes: NDArray[np.str_]
-    """What takes each camera longest, a `LateCause`, (c, s)."""
-
-
 def _shown(
     stage: Stage,
     observer: Observer,
@@ -248,7 +234,7 @@ def _shown(
     interval: TimeInterval,
     *,
     of_one_cell: bool,
-) -> _Shown | None:
+) -> ShownDrops | None:
     """When drops at s instants of an interval are shown by c cameras; None where the tool loses nothing.
 
     of_one_cell: whether the cameras contradict each other; else each is looked at as if it were alone.
@@ -309,7 +295,7 @@ def _shown(
         together = np.maximum(together, majority_time(until, since, needed[box]))
     each, latest = np.where(unjudged, surely, judging), stage.motion.time + _NEVER
     x, each, together = (np.minimum(one, latest) for one in (x, each, together))
-    return _Shown(name, x, each, together, causes)
+    return ShownDrops(name, x, each, together, causes)
 
 
 class _Drops(NamedTuple):

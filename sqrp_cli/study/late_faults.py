@@ -49,60 +49,59 @@ def why_late(
         x = np.concatenate([onset.x, np.interp(edges, onset.shown, onset.x)])
         seen = np.where(end > shown, np.maximum(start, shown), np.inf).min(axis=0, initial=np.inf)
         longest = (seen - x).max()
-        late = np.flatnonzero((seen - x >= longest - _PROMPT) | (seen - x == longest))
+        late = np.flatnonzero(seen - x >= longest - _PROMPT)
         index = late[len(late) // 2]
         slowest.append((float(longest), float(x[index]), float(shown[index]), onset))
     delay, at, shown_at, onset = max(slowest, key=lambda one: one[0])
-    parting, total = shown_at - at, planned.motion.time
-    wait, never = delay - parting, delay == np.inf
-    cause: LateCause = "frame"
-    camera, after, words = None, None if never else delay, dict[str, object]()
-    said = "so long take a frame and the latency of the camera that sees it"
+    parting, total, never = shown_at - at, planned.motion.time, delay == np.inf
+    wait, after = delay - parting, None if never else delay
     if isinstance(onset, DropOnset) and parting > _PROMPT and (shown_at > total if never else parting >= wait):
-        index = int(np.abs(onset.lost - at).argmin())
-        cause, after = onset.causes[index].item(), None if parting > LONGEST else parting
+        part, x, each, _, causes = onset.drops
+        index = np.abs(x - at).argmin()
+        number = each[:, index].argmax()
+        kind: LateCause = causes[number, index].item()
+        after = None if parting > LONGEST else parting
         until = "to the end" if after is None else f"until {after:.2f} s after"
-        camera = None if cause == "fingers_close" else cell.observer.cameras[int(onset.slowest[index])].name
         until += ", when its motion is over," if never and after is not None else ","
-        said, words = _WORDS[cause], {"part": onset.part, "after": parting, "until": until}
-    elif wait > _PROMPT:
-        cause, camera, said = _unseen(cell, planned, fault, 0.5 * (shown_at + min(at + delay, total)))
-        words["span"] = f" for {wait:.2f} s" if not never else f" from {shown_at:.2f} s on" if windows else ""
-    return LateReason(kind=cause, camera=camera, at=at, after=after, words=said.format(camera=camera, **words))
+        camera = None if kind == "fingers_close" else cell.observer.cameras[number].name
+        words = _WORDS[kind].format(camera=camera, part=part, until=until, after=parting)
+        return LateReason(kind=kind, camera=camera, at=at, after=after, words=words)
+    if wait <= _PROMPT:
+        words = "so long take a frame and the latency of the camera that sees it"
+        return LateReason(kind="frame", camera=None, at=at, after=after, words=words)
+    span = f" for {wait:.2f} s" if not never else f" from {shown_at:.2f} s on" if windows else ""
+    kind, camera, words = _unseen(cell, planned, fault, 0.5 * (shown_at + min(at + delay, total)), span)
+    return LateReason(kind=kind, camera=camera, at=at, after=after, words=words)
 
 
-def _unseen(cell: Cell, planned: PlannedMotion, name: str, t: float) -> tuple[LateCause, str | None, str]:
-    """Why no image shows a fault at a time: the cause, the camera that comes nearest, and words.
+def _unseen(cell: Cell, planned: PlannedMotion, name: str, t: float, span: str) -> tuple[LateCause, str | None, str]:
+    """Why no image shows a fault at a time: the cause, the camera that comes nearest, and words; span: how long.
 
     Nearest is one that sees what would show the fault at most other times, then one that misses the last of its limits.
     """
     targets, faults = watched_faults(planned)
-    fault, solids = next(one for one in faults if one.name == name), cell.observer.solids
+    fault, observer = next(one for one in faults if one.name == name), cell.observer
     by_fingers = is_lost_by_fingers(planned.stage, fault)
     stage = planned.stage.once_lost() if by_fingers else planned.stage
     times = np.sort([t, *(x for one in fault.intervals for x in np.linspace(one.start, one.end, _LOOKS))])
     states, now = stage.states(stage.samples_at(times)), int(times.searchsorted(t))
     for columns in fault.columns:  # of one literal, which any of them shows
         some = [targets[column] for column in columns]
-        verdicts = cell.observer.verdicts(some, states, shares=False)
+        verdicts = observer.verdicts(some, states, shares=False)
         sees = [sees_all(boxes) for boxes in verdicts]
         if any(one[now].sum() >= target.cameras for one, target in zip(sees, some, strict=True)):
             continue
         who = "no camera sees" if some[0].cameras == 1 else f"fewer than {some[0].cameras} cameras see"
-        fact = fact_words(str(some[0].atom), some[0].boxes, cell.workspace.objects)
-        if not cell.observer.cameras:
-            return "not_seen", None, f"{who} whether {fact}"
+        words = f"{who} whether {fact_words(str(some[0].atom), some[0].boxes, cell.workspace.objects)}{span}"
+        if not observer.cameras:
+            return "not_seen", None, words
         first, _ = first_failing(verdicts[0], [now])
-        looks = zip(sees[0].sum(axis=0), first.cause[0].tolist(), first.by[0].tolist(), strict=True)
-        nearest = [(often, cause != Cause.HIDDEN or solids[by].color is None, cause, by) for often, cause, by in looks]
-        index = max(range(len(nearest)), key=lambda number: nearest[number])
-        camera, limit, by = cell.observer.cameras[index].name, Cause(nearest[index][2]), nearest[index][3]
-        if by_fingers and limit is Cause.HIDDEN and solids[by].part.parent in stage.model.fingers.links:
-            return (
-                "fingers_hide",
-                camera,
-                "closed fingers hide from camera `{camera}`{span} that nothing is between them",
-            )
-        limit_words = limit.by(cell.observer.by_name(limit, by))
-        return "not_seen", camera, f"{who} whether {fact}{{span}} (camera `{camera}`: {limit_words})"
-    return "not_asked", None, "nothing that would show it is looked for{span}"
+        causes, culprits, cameras = first.cause[0], first.by[0], observer.cameras
+        hiding = {n: observer.solids[culprits[n]].part.parent for n in np.flatnonzero(causes == Cause.HIDDEN).tolist()}
+        free = [hiding.get(n) in (None, *stage.model.links) for n in range(len(cameras))]  # but for the robot
+        number = int(np.lexsort((causes, free, sees[0].sum(axis=0)))[-1])
+        name, limit = cameras[number].name, Cause(causes[number])
+        if by_fingers and hiding.get(number) in stage.model.fingers.links:
+            return "fingers_hide", name, f"closed fingers hide from camera `{name}`{span} that nothing is between them"
+        return "not_seen", name, f"{words} (camera `{name}`: {limit.by(observer.by_name(limit, culprits[number]))})"
+    return "not_asked", None, f"nothing that would show it is looked for{span}"

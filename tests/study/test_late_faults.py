@@ -17,7 +17,7 @@ from sqrp_cli.logic.image_time import Window
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.study import late_faults
 from sqrp_cli.study.analysis import analysed
-from sqrp_cli.study.drop_detection import DropOnset
+from sqrp_cli.study.drop_detection import DropOnset, ShownDrops
 from sqrp_cli.study.find import WantedWay, find_way
 from sqrp_cli.study.late_faults import why_late
 from sqrp_cli.study.sampling import Adaptive
@@ -53,9 +53,9 @@ def fastest(folder: Path, task: str) -> tuple[Cell, PlannedMotion]:
         ([(0.0, 4.0)], 0.0, "frame", "so long take a frame and the latency"),
         ([(0.0, 4.0)], 0.4, "line_of_sight", "camera `left` may take g1 for held until 0.40 s after, because it falls"),
         ([(0.0, 4.0)], 9.0, "line_of_sight", "camera `left` may take g1 for held to the end, because it falls"),
-        ([(0.0, 1.5), (2.2, 4.0)], 0.4, "not_seen", "no camera sees it for 0.70 s (`right`"),
+        ([(0.0, 1.5), (2.2, 4.0)], 0.4, "not_seen", "no camera sees it for 0.70 s"),
         ([(0.0, 2.9)], 0.0, "not_seen", "no camera sees it from 2.9"),
-        ([], 0.4, "not_seen", "no camera sees it (`right`"),
+        ([], 0.4, "not_seen", "no camera sees it"),
     ],
 )
 def test_what_takes_longest_is_named(
@@ -63,12 +63,11 @@ def test_what_takes_longest_is_named(
 ) -> None:
     cell: Any = SimpleNamespace(observer=SimpleNamespace(cameras=[SimpleNamespace(name="left")]))
     planned: Any = SimpleNamespace(motion=SimpleNamespace(time=4.0))
-    monkeypatch.setattr(
-        late_faults, "_unseen", lambda *_: ("not_seen", "right", "no camera sees it{span} (`right`: too far)")
-    )
+    monkeypatch.setattr(late_faults, "_unseen", lambda *given: ("not_seen", "right", f"no camera sees it{given[-1]}"))
     x = np.array([1.0, 3.0])
-    found = {"part": "g1", "lost": x, "slowest": np.zeros(2, dtype=int), "causes": np.array(["line_of_sight"] * 2)}
-    onset = DropOnset(x, x + np.array([lag, lag if lag > 4 else 0.0]), **found)
+    causes = np.array([["line_of_sight"] * 2])
+    drops = ShownDrops("g1", x, np.array([x + lag]), x, causes)
+    onset = DropOnset(x, x + np.array([lag, lag if lag > 4 else 0.0]), drops=drops)
     reason = why_late(cell, planned, "slip", [Window(*ends, 0.1, 0.05) for ends in windows], [onset])
     assert reason.kind == cause
     assert reason.words.startswith(says)
