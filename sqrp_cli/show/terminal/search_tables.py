@@ -7,7 +7,7 @@ from collections.abc import Callable
 from math import inf
 from time import monotonic
 
-from sqrp_cli.figures import AdvisedFigures, Figures, shown_figure
+from sqrp_cli.figures import FIGURE_NAMES, AdvisedFigures, Figures, shown_figure
 from sqrp_cli.score.result import Scorecard, ScoredVariant, Sweep, listed
 from sqrp_cli.search.advice_result import AdviceDocument
 from sqrp_cli.search.goal import MOTION, shown_size
@@ -84,7 +84,7 @@ def _conclude(found: AdviceDocument, *, written: bool) -> tuple[str, str] | None
     """Say what to do, or what comes nearest or has to be done before; the command that does it, with its words."""
     if found.interrupted:
         say("Interrupted before all kinds were searched.")
-    now, command = f"Now {found.candidate} {_in_words(found.before)}.", None
+    now, command = f"Now {found.candidate}: {_in_words(found.before)}.", None
     if found.met:
         say("That is met already: nothing has to change.", "bold")
         if found.unnoticed:
@@ -105,41 +105,32 @@ def _conclude(found: AdviceDocument, *, written: bool) -> tuple[str, str] | None
         judged = " with --ways first" if found.ways == "first" else ""
         cost = "What gets worse is below." if one.worse else f"No task gets worse{judged}."
         say(f"{one.words[0].upper()}{one.words[1:]}.", "bold")
-        now = f"Then {found.candidate} {_in_words(one, found.before)}. {cost}"
+        now = f"Then {found.candidate}: {_in_words(one, found.before)}. {cost}"
         now += f" No patch: {one.unwritten}." if one.unwritten else ""
         if one.patch and not written:
             command = "To have it, add", f"--apply {number}"
     say(now)
     if found.best is not None and not found.met:
         say(
-            f"As `rank` and `score` do it, it meets that already: it {_in_words(found.best)}. The rest is "
-            "for --ways first, a motion that is planned without a look at the cameras."
+            f"As `rank` and `score` do it, it meets that already: {_in_words(found.best)}. The rest is for "
+            "--ways first, a motion that is planned without a look at the cameras."
         )
     return command
 
 
 def _in_words(found: AdvisedFigures, before: AdvisedFigures | None = None) -> str:
-    """The figures of a candidate as the end of a sentence, with those before where they differ."""
+    """The figures of a candidate, with those before where they differ."""
     if found.time is None:
         return "cannot be done"
-    seen, rest = list[str](), list[str]()
-    for name, words in (
-        ("q_eoi", "{} of the critical time"),
-        ("q_avg", "{} of the time"),
-        ("time", "it takes {}"),
-        ("delay_worst", "a fault is noticed at the latest after {}"),
-    ):
+    said = []
+    for name in ("q_eoi", "q_avg", "time", "delay_worst"):
         new, old = (
-            ""
-            if one is None
-            else shown_figure(name, inf if name == "delay_worst" and one.unseen else getattr(one, name))
-            for one in (found, before)
+            shown_figure(name, inf if name == "delay_worst" and one.unseen else getattr(one, name))
+            for one in (found, before or found)
         )
-        if new != "-":
-            words = "a fault may {} be noticed" if new == "never" else words
-            now = f" (now {old})" if old not in ("", new) else ""
-            (seen if name.startswith("q_") else rest).append(words.format(new) + now)
-    return "; ".join([f"is seen {' and '.join(seen)}" if seen else "has nothing to be seen", *rest])
+        words = "a fault may never be noticed" if new == "never" else f"{FIGURE_NAMES[name]} {new}"
+        said += [words + (f" (now {old})" if old != new else "")] if new != "-" else []
+    return ", ".join(said)
 
 
 MOST_UNSEEN = 8  # most targets that are named where a goal cannot be met
@@ -307,6 +298,8 @@ def passed_in_words(findings: Scorecard) -> str:
     statuses = ("failed", "failed"), ("error", "could not be scored"), ("passed", "passed")
     counts = [f"{findings.count(status)} {words}" for status, words in statuses if findings.count(status)]
     counts += [f"{gone} vanished"] if gone else []
+    if counts == ["1 failed"] and total == 1:
+        return "The task fails."
     done = f"{len(findings.results)} of {tasks} {'was' if 1 in (len(findings.results), total) else 'were'} finished"
     return ", ".join([f"Interrupted: {done}" if findings.interrupted else f"Of {tasks}", *counts]) + "."
 
