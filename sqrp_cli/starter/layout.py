@@ -124,7 +124,7 @@ def workspace_text(layout: Layout) -> str:
             "{" + ", ".join(f"{_text(name)}: {_position(at, name in layout.slides)}" for name, at in of.items()) + "}"
             for of in (grip.open, grip.closed)
         )
-        fingers = _FINGERS.format(open=opened, closed=closed, width=_number(1000 * grip.width))
+        fingers = _FINGERS.format(open=opened, closed=closed, width=f"{1000 * grip.width:.1f}")
     if grip is None and layout.X_LT is None:
         tool = f"  tool_frame: {_text(layout.tip)}\n"
     elif grip is None and layout.X_LT is not None:
@@ -196,7 +196,7 @@ def _position(at: float, slides: bool) -> str:
 
 
 def _pose(X: Array) -> str:
-    rpy = ", ".join(f"{_number(degrees(value))} deg" for value in matrix_to_rpy(X[:3, :3]))
+    rpy = ", ".join(f"{round(degrees(value), 2) + 0.0:g} deg" for value in matrix_to_rpy(X[:3, :3]))
     return f"{{position: {_vector(X[:3, 3].tolist())}, rpy: [{rpy}]}}"
 
 

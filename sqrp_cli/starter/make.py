@@ -44,6 +44,8 @@ HOMES = ("home", "ready", "default", "start")
 
 LIFT = 0.1  # how far the skill lifts a cube [m]
 
+_MEND_GRIPPER = "leave `--gripper` out, then state it as `robot.tool`, with `boxes` or its `urdf`, and `robot.fingers`"
+
 ASSUMED = {"acceleration": 2, "jerk": 20}
 """Limits that a URDF cannot state: gentle ones [rad/s^2, rad/s^3, or m for a sliding joint]."""
 
@@ -184,7 +186,10 @@ def _with_hand(layout: Layout, description: Description, arm: ArmGuess, bare: Ce
         grip = find_grip(_load(layout), root, carried, out, size)
         if grip is not None:
             return replace(layout, grip=grip)
-    return replace(layout, X_LT=seat, gripper=None, grip=None)
+    if gripper is not None:
+        message = f"`{gripper.name}` has no fingers that SQRP understands: one or two joints that close on something"
+        raise bad_input("no-gripper", message, gripper.links[gripper.root].place, mend=_MEND_GRIPPER)
+    return replace(layout, X_LT=seat, grip=None)
 
 
 def _tried(

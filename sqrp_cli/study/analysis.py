@@ -13,12 +13,15 @@ import numpy as np
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible, bad_input
 from sqrp_cli.figures import FaultMetrics, LateReason
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, inverse
+from sqrp_cli.logic.formula_time import GroundOperator
 from sqrp_cli.logic.image_time import Onset, Window, delays
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.motion.stop_and_return import Recovery, recovery_over
 from sqrp_cli.records import dataclass
+from sqrp_cli.sight.targets import Target
+from sqrp_cli.skill.target_box import object_of
 from sqrp_cli.study.drop_detection import onset
 from sqrp_cli.study.fault_sights import all_fault_windows
 from sqrp_cli.study.late_faults import why_late
@@ -32,6 +35,7 @@ from sqrp_cli.task.feasibility import feasible_motion
 from sqrp_cli.task.grounding import formulas_outside, ground_formulas, ground_targets
 from sqrp_cli.task.task import Candidate
 
+_STEP = 0.02  # between the instants at which a motion is asked whether it fulfils a fault [s]
 SUMMED = ("time", "t_total", "t_eoi", "states")  # figures of a task of several steps that are the sums of its steps'
 
 
@@ -135,6 +139,10 @@ def planned_motion(cell: Cell, candidate: Candidate, world: World, motion: Motio
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
     formulas = ground_formulas(candidate, spans, motion.time)
     targets = ground_targets(cell, candidate, world, motion, formulas)
+    stage = Stage(cell.model, motion, pieces.cut_into_pieces(list(spans.values()), formulas), world.X_WO)
+    if (told := _from_when_told(formulas, candidate, stage, targets)) != formulas:
+        formulas = told
+        stage = Stage(cell.model, motion, pieces.cut_into_pieces(list(spans.values()), formulas), world.X_WO)
     column = {target.atom: number for number, target in enumerate(targets)}
     faults, (T, T_eoi) = pieces.fault_literals(formulas).items(), pieces.monitored_times(formulas)
     return PlannedMotion(
@@ -143,11 +151,38 @@ def planned_motion(cell: Cell, candidate: Candidate, world: World, motion: Motio
         motion=motion,
         formulas=formulas,
         targets=targets,
-        stage=Stage(cell.model, motion, pieces.cut_into_pieces(list(spans.values()), formulas), world.X_WO),
+        stage=stage,
         faults={name: tuple(dict.fromkeys(column[one.atom] for one in literals)) for name, literals in faults},
         T=T,
         T_eoi=T_eoi,
     )
+
+
+def _from_when_told(
+    formulas: tuple[GroundOperator, ...], candidate: Candidate, stage: Stage, targets: Sequence[Target]
+) -> tuple[GroundOperator, ...]:
+    """The formulas, a fault that the motion itself fulfils at first counting from when it no longer does, and settled.
+
+    So a part that is being lifted is still where it stood until it is lifted by half its height: only then images tell
+    one that has slipped from it. This is of an `eventually` whose literals all say that objects are in boxes that the
+    robot does not move.
+    """
+    by_atom, found = {target.atom: target for target in targets}, list[GroundOperator]()
+    settle = {one.name: one.stated.settle for one in candidate.skill.requirements}
+    for one in formulas:
+        boxes = [(literal, box) for literal in one.literals for box in by_atom[literal.atom].boxes]
+        named = [object_of(str(literal.atom), box, stage.X_WO) for literal, box in boxes if literal.positive]
+        still = not any(box.frame in stage.model.links for _, box in boxes)
+        if one.fault is not None and one.operator == "eventually" and still and len(named) == len(boxes) and all(named):
+            t = np.append(np.arange(one.start, one.end, _STEP), one.end)
+            states, inside = stage.states(stage.samples_at(t)), np.ones(len(t), dtype=bool)
+            for (_, box), name in zip(boxes, named, strict=True):
+                X_BO = inverse(states.box_poses(box)) @ states.X_WF[name or ""]
+                inside &= (np.abs(X_BO[:, :3, 3]) <= 0.5 * np.array(box.size)).all(axis=1)
+            if inside[0] and not inside.all():
+                one = replace(one, start=min(float(t[inside.argmin()]) + settle[one.fault], one.end))
+        found.append(one)
+    return tuple(found)
 
 
 def analysed(cell: Cell, planned: PlannedMotion, sampling: Sampling, *, full: bool) -> Analysis:

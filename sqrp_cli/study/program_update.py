@@ -15,7 +15,7 @@ from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.logic.conditions import apply_effect
-from sqrp_cli.logic.formula import argument_lists, bind
+from sqrp_cli.logic.formula import Operation, argument_lists, bind
 from sqrp_cli.logic.formula_time import with_times
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.motion.cell import Cell
@@ -86,9 +86,14 @@ def make_step(task: str, analysis: Analysis, result: CandidateResult, cameras: t
             answer = record.ProgramResponse(action="retry", retries=response.retry, when=seen)
         else:
             answer = record.ProgramResponse(action=response)
+        timed = with_times(bind(requirement.formula, candidate.binding, lists), spans)
+        told = [one.start for one in analysis.planned.formulas if one.fault and one.fault == requirement.name]
+        if isinstance(timed, Operation) and (span := timed.interval) is not None and len(told) == 1:
+            begin = max(told[0], span.start.offset)  # only from then on can the fault be told
+            timed = replace(timed, interval=replace(span, start=replace(span.start, offset=begin)))
         formulas.append(
             record.ProgramFormula(
-                formula=str(with_times(bind(requirement.formula, candidate.binding, lists), spans)),
+                formula=str(timed),
                 fault=requirement.name,
                 settle=requirement.stated.settle,
                 response=answer,

@@ -46,6 +46,8 @@ def made(ask: InitRequest) -> NewCell:
     return NewCell(
         workspace=str(found.folder),
         tool_link=found.tip,
+        fingers=[*found.grip.open] if found.grip else [],
+        width=found.grip.width if found.grip else None,
         objects=[cube.name for cube in found.cubes],
         task=found.task,
         run=tried,

@@ -178,6 +178,10 @@ class NewCell(Document):
     """Its folder."""
     tool_link: str
     """The link of the robot that carries the tool, or grasps itself."""
+    fingers: list[str]
+    """The joints that drive the fingers of its gripper; none of a suction cup."""
+    width: float | None
+    """How wide the fingers open [m]; null for a suction cup."""
     objects: list[str]
     """Names of the cubes that stand on the table."""
     task: str | None

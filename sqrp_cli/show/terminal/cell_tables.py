@@ -137,12 +137,14 @@ def print_scene(found: ShowDocument) -> None:
     print_table([Column("joint [deg, s]"), *numbers("min", "max", "speed", "acceleration", "jerk", "home")], joints)
     if robot.angle_tolerance:
         say(f"\nposes of the tool may be missed by {degrees(robot.angle_tolerance):g} deg (angle_tolerance)")
-    if robot.fingers is not None:
-        moves = (
-            f"{name} {1000 * opened:.0f} mm open, {1000 * robot.fingers.closed[name]:.0f} mm closed"
-            for name, opened in robot.fingers.open.items()
-        )
-        say(f"\nfingers  {'; '.join(moves)}")
+    if (fingers := robot.fingers) is not None:
+        moves = []
+        for name, opened in fingers.open.items():
+            ends, slides = (opened, fingers.closed[name]), robot.joints[name].slides
+            opened_at, closed_at = (f"{1000 * v:z.4g} mm" if slides else f"{degrees(v):z.4g} deg" for v in ends)
+            moves.append(f"{name} {opened_at} open, {closed_at} closed")
+        width = "" if fingers.width is None else f"; open, they are {1000 * fingers.width:.3g} mm apart"
+        say(f"\nfingers  {'; '.join(moves)}{width}")
     if robot.markers:
         markers = (f"{link} (id {m.id} of {m.dictionary}, {1000 * m.side:.0f} mm)" for link, m in robot.markers.items())
         say(f"markers  {', '.join(markers)}")
@@ -214,9 +216,15 @@ def print_new_cell(made: NewCell) -> None:
     """The new workspace, and how to go on."""
     where, run = shlex.quote(made.path), made.run
     say(f"{where} is a new workspace: workspace.yaml says what is in the cell, skills/pickup how a task is done.")
+    if made.own_arm and made.width is not None:
+        opens = "open" if len(made.fingers) > 1 else "opens"
+        joints = " and ".join(f"`{name}`" for name in made.fingers)
+        say(f"{joints} {opens} to {1000 * made.width:.3g} mm: used as the gripper, on `{made.tool_link}`.")
+    elif made.own_arm:
+        at = f"A suction cup stands for your tool at `{made.tool_link}`"
+        say(f"{at}; `--gripper NAME`, or the URDF of yours, puts a gripper there.")
     if made.own_arm:
-        guessed = f"The tool is fixed to `{made.tool_link}`. Lines marked `check:` were guessed; compare with:"
-        say_command(guessed, f"sqrp show {where}")
+        say_command("Lines marked `check:` were guessed; compare with:", f"sqrp show {where}")
     if run is not None and run.outcome == "done":
         seen = f", and {run.seen} of {run.promised} promised images showed what they should" if run.promised else ""
         say(f"`{made.task}` was run once in the simulated cell: done after {run.time:.1f} s{seen}.")
