@@ -21,6 +21,7 @@ MADE = {
     "commands.md",
     "mounts.md",
     "robot.md",
+    "robots.md",
     "workspace.md",
     "skill.md",
     "findings.md",
