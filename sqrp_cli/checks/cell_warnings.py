@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import compress, product
 from typing import TypeAlias
@@ -17,7 +17,7 @@ from sqrp_cli.checks.placement import MIN_OVERLAP, doubted_objects, warning
 from sqrp_cli.errors import Infeasible, Place, Problem
 from sqrp_cli.files.frames import WORLD, frame_poses
 from sqrp_cli.files.units import shown_length
-from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, side_pose, transform
+from sqrp_cli.geometry import Array, axis_rotation, box_corners, inverse, pose, side_pose, transform
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.robot.inverse_kinematics import known_solutions
 from sqrp_cli.robot.kinematics import RobotModel
@@ -26,6 +26,7 @@ from sqrp_cli.search.aiming import CAMERA_RADIUS, touched
 from sqrp_cli.shapes import LEAST_SIZE, Box, Mesh, half_extents, shrunk
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.solids import OBJECT_FACTOR, Solid, distance, load_solid, scale_doubt
+from sqrp_cli.sight.targets import Target
 from sqrp_cli.skill.settings import Reference
 from sqrp_cli.skill.skill import ToolMove
 from sqrp_cli.study.analysis import planned_motion
@@ -42,6 +43,9 @@ ALLOWED = 1e-3
 
 LONGEST_BRACKET = 0.6
 """How far from a link that moves a camera may be that is fixed to it [m]."""
+
+MOST_LOOKED_AT = 50
+"""Most candidates of which every motion is looked at."""
 
 FINEST = 1e-4
 """Step to which the suggested size is rounded up [m]."""
@@ -202,13 +206,7 @@ def swept_cameras(cell: Cell, world: World, steps: Iterable[Candidate]) -> Itera
     housing, or the link that carries it.
     """
     left = {camera.name: camera for camera in cell.observer.cameras}
-    for step in steps:
-        motion = feasible_motion(cell, step, world)
-        if isinstance(motion, Infeasible):
-            return
-        scene = planned_motion(cell, step, world, motion)
-        sampled = first_samples(Adaptive(), scene.stage, Observer((), cell.observer.solids), scene.targets)
-        X_WF = scene.stage.states(sampled).X_WF
+    for step, _, X_WF in _scenes(cell, world, steps):
         for frame, solid in product({camera.frame: None for camera in left.values()}, cell.observer.solids):
             X_FP = inverse(X_WF[frame]) @ X_WF[solid.part.parent]
             if float(np.ptp(X_FP, axis=0).max()) <= 1e-9:
@@ -220,7 +218,50 @@ def swept_cameras(cell: Cell, world: World, steps: Iterable[Candidate]) -> Itera
                 message = f"camera `{camera.name}` stands where `{solid.name}` passes in `{step.name}`"
                 mend = "move it, or state its housing as a fixed object, which the robot then goes around"
                 yield warning("camera-in-the-way", message, cell.workspace, f"cameras.{camera.name}", mend)
+
+
+def _scenes(
+    cell: Cell, world: World, steps: Iterable[Candidate]
+) -> Iterator[tuple[Candidate, Sequence[Target], Mapping[str, Array]]]:
+    """Each step with its targets, and where all frames are in samples of its motion, (m or 1, 4, 4).
+
+    It ends before a step that is infeasible.
+    """
+    for step in steps:
+        motion = feasible_motion(cell, step, world)
+        if isinstance(motion, Infeasible):
+            return
+        scene = planned_motion(cell, step, world, motion)
+        sampled = first_samples(Adaptive(), scene.stage, Observer((), cell.observer.solids), scene.targets)
+        yield step, scene.targets, scene.stage.states(sampled).X_WF
         world = world_after(step, motion, world)
+
+
+def idle_cameras(
+    cell: Cell, world: World, task: str, candidates: Sequence[Sequence[Candidate]], told: Iterable[Problem]
+) -> Iterator[Problem]:
+    """Cameras that have no target of a task in their image, in any of its candidates that can be done.
+
+    candidates: the steps of each; of more than `MOST_LOOKED_AT` nothing is said. told: other findings; one of a camera
+    that sees nothing is enough.
+    """
+    blind = {one.place for one in told if one.code.startswith("camera-")}
+    places = {one.name: cell.workspace.places.get(f"cameras.{one.name}") for one in cell.observer.cameras}
+    left = [camera for camera in cell.observer.cameras if places[camera.name] not in blind]
+    if not 0 < len(candidates) <= MOST_LOOKED_AT:
+        return
+    for steps in candidates:
+        for _, targets, X_WF in _scenes(cell, world, steps):
+            for box in (box for target in targets for box in target.boxes):
+                points = transform(X_WF[box.frame] @ box.X_FB, box_corners(box.size))
+                views = [(one, transform(inverse(X_WF[one.frame] @ one.X_FC), points)) for one in left]
+                left = [one for one, points_C in views if not sees_any(one, np.eye(4), points_C.reshape(-1, 3))]
+    if left:
+        several = len(left) > 1
+        names = ", ".join(f"`{one.name}`" for one in left)
+        message = f"camera{'s' * several} {names} never show{'s' * (not several)} what has to be seen in `{task}`"
+        mend = f"if {'they are' if several else 'it is'} meant for this task, aim {'them' if several else 'it'} there"
+        yield Problem("idle-camera", message, places[left[0].name], severity="warning", mend=mend)
 
 
 def lamps_inside(workspace: Workspace, solids: Sequence[Solid]) -> Iterator[Problem]:

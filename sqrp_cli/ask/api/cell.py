@@ -76,7 +76,7 @@ def checked(cell: OpenCell, ask: CheckRequest) -> Check:
     """Whether the workspace is sound, and which candidates can be done, why the others cannot, and what to do first."""
     from sqrp_cli.ask.api.session import Session
     from sqrp_cli.cell.workspace_file import WORKSPACE_FILE
-    from sqrp_cli.checks.cell_warnings import cell_warnings, swept_cameras
+    from sqrp_cli.checks.cell_warnings import cell_warnings, idle_cameras, swept_cameras
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.logic.planner import find_plan
     from sqrp_cli.search.suggestion import Suggester, best_suggestion, check_candidate
@@ -106,10 +106,11 @@ def checked(cell: OpenCell, ask: CheckRequest) -> Check:
             advance(1)
     wanted = not any(one.feasible for one in found) if ask.plan is None else ask.plan
     suggested = best_suggestion(found, suggester) if wanted else ()
-    first = [first_grip(one.candidate) for one in found if one.feasible][:1]
-    steps = (step for one in first for step in one.steps or (one,))
-    swept = swept_cameras(session.cell, session.job.world, steps)
-    problems = (*cell.findings, *cell_warnings(session.cell), *intervals_outside(found), *swept)
+    able = [first_grip(one.candidate) for one in found if one.feasible]
+    done, world = [one.steps or (one,) for one in able], session.job.world
+    problems = [*cell.findings, *cell_warnings(session.cell), *intervals_outside(found)]
+    problems += swept_cameras(session.cell, world, done[0] if done else ())
+    problems += idle_cameras(session.cell, world, ask.task, done, problems)
     return Check.of(path, name, ask.task, problems, found, suggested)
 
 
