@@ -137,8 +137,12 @@ def resolve_mesh(roots: Sequence[Path], reference: str, urdf: Path) -> Path:
 
 def _no_package(what: str, name: str, roots: Sequence[Path], place: Place | None) -> Problem:
     tried = ", ".join(str(root) for root in dict.fromkeys(roots)) or "none"
-    folders = (entry.name for root in roots for entry in root.iterdir() if entry.is_dir())
-    close = nearest(name, dict.fromkeys([*folders, *(found for root in roots for found in _packages_below(root))]))
+    known = {entry.name: entry for root in roots for entry in root.iterdir() if entry.is_dir()}
+    known |= {found: folder for root in roots for found, folder in _packages_below(root).items()}
+    close = nearest(name, known)
+    if close is not None and known[close].parent.name in ("site-packages", "dist-packages"):  # most have no robots
+        found = (path for pattern in ("*.urdf", "*.xacro") for path in known[close].rglob(pattern))
+        close = close if next(found, None) else None
     hint = f"; did you mean `{close}`?" if close else ""
     mend = (
         f"pip install {_PIP_PACKAGES[name]}"

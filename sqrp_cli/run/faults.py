@@ -152,9 +152,10 @@ class _FaultText:
         """
         numbers = range(1, len(self.steps) + 1) if numbers is None else numbers
         able = [
-            f"write {self.prefixes[n - 1]}slip@{self.called[n - 1][name]}"
+            f"write {self.prefixes[n - 1]}slip@{self.called[n - 1][one.name]}"
             for n in numbers
-            for name in self.holding[n - 1]
+            for one in sorted(self.steps[n - 1].primitives, key=lambda one: not one.held)  # grasps last
+            if one.name in self.holding[n - 1]
         ]
         return able[0] if able else "let a camera fail instead: --fault camera-loss:CAMERA@1.0"
 
