@@ -25,7 +25,7 @@ LONG = 30
 
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_331),
-    "files": ("files", 2_023),
+    "files": ("files", 2_027),
     "robot": ("robot", 2_700),
     "camera": ("camera", 1_809),
     "cell": ("cell", 3_281),
@@ -36,12 +36,12 @@ ROOMS = {
     "sight": ("kernel sight", 1_506),
     "study": ("study", 4_409),
     "search": ("search", 4_298),
-    "checks": ("checks", 1_262),
-    "run": ("run", 7_343),
+    "checks": ("checks", 1_303),
+    "run": ("run", 7_344),
     "field": ("field ros", 2_946),
     "score": ("score", 2_305),
     "show": ("show", 5_014),
-    "ask": ("ask cli __init__ __main__", 5_283),
+    "ask": ("ask cli __init__ __main__", 5_286),
     "studio": ("studio", 1_761),
     "starter, platform": ("starter platform", 2_084),
 }
