@@ -9,7 +9,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # Python makes the bytecode of what is used; pip would make that of all, on one core.
 INSTALL := $(BIN)/pip install --no-compile --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
-.PHONY: all rank run test check lint docs wheels bench load damage planners trials pictures reproduce format clean
+.PHONY: all rank run test check lint docs wheels dist bench load damage planners trials pictures reproduce format clean
 
 all: .venv/installed
 
@@ -64,6 +64,11 @@ wheels: .venv/pyvenv.cfg
 	  SQRP_WHEEL=$$platform $(BIN)/pip wheel --quiet --disable-pip-version-check --no-build-isolation \
 	    --no-deps --wheel-dir build/wheels . || exit 1; \
 	done
+
+# The source distribution, and from it a wheel for this machine: build/dist.
+dist: .venv/pyvenv.cfg
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt build
+	$(BIN)/python -m build --outdir build/dist
 
 # Whole commands against another version, in turns, and where their time goes; writes the tables of docs/how/speed.md.
 AGAINST ?= 5d38566e

@@ -16,6 +16,8 @@ from sqrp_cli.starter.hand import Grip
 
 TASK = "pickup green"  # the task of a starter workspace
 
+SCHEMA = ".sqrp/workspace.schema.json"  # by which editors complete and check the workspace file beside it
+
 Point = tuple[float, float, float]  # in the world [m]
 
 
@@ -67,6 +69,7 @@ class Layout:
 
 
 _ROBOT = """\
+# yaml-language-server: $schema={schema}
 # A cell with {arm}, {hand} and cameras. SI units and radians; `30 deg`, `20 mm`, `50 ms` work too.
 {marked}# Every key: sqrp schema
 
@@ -144,6 +147,7 @@ def workspace_text(layout: Layout) -> str:
             home += f"\n    {_text(name)}: {_position(at, name in layout.slides)}"
     marked = "# Lines marked `check:` were guessed; `sqrp show` prints what was understood.\n"
     text = _ROBOT.format(
+        schema=SCHEMA,
         arm="your arm" if layout.guessed else "a six-axis arm",
         hand="a suction cup" if grip is None else "its gripper",
         marked=marked if layout.guessed else "",
