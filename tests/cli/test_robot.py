@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,8 +19,9 @@ pytest.importorskip("cyclonedds")
 from sqrp_cli.cli.commands.runs import check_cell
 from sqrp_cli.errors import InputError
 from sqrp_cli.run.cell.ros_checks import CellCheck
-from tests.trials.wire import small_cell
 
+WITHIN = 240.0
+"""What takes longer hangs [s]."""
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
 
 
@@ -53,25 +55,26 @@ def test_a_cell_that_cannot_be_served_leaves_no_file_and_takes_none(sqrp, tmp_pa
 
 
 @pytest.mark.slow
-def test_a_program_runs_in_a_cell_of_another_process_and_is_recorded(tmp_path):
-    workspace, program, config = small_cell(tmp_path), tmp_path / "pick.yaml", tmp_path / "robot.yaml"
-    sqrp = [sys.executable, "-m", "sqrp_cli"]
-    subprocess.run([*sqrp, "rank", workspace, "pickup g2", "--program", program], check=True, capture_output=True)
-    serve = [*sqrp, "cell", workspace, "--serve", "ros2", "--config", config, "--program", program, "--pace", "0.3"]
-    served = subprocess.Popen([*serve, "--fault", "slip@a4+0.7"], stderr=subprocess.DEVNULL)
+def test_a_program_runs_in_a_cell_of_another_process_and_is_recorded(quick_cell, tmp_path):
+    program, config = quick_cell.program, tmp_path / "robot.yaml"
+    sqrp, deadline = [sys.executable, "-m", "sqrp_cli"], time.monotonic() + WITHIN
+    said = partial(subprocess.run, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=WITHIN)
+    serve = [*sqrp, "cell", quick_cell.folder, "--serve", "ros2", "--config", config, "--program", program]
+    served = subprocess.Popen([*serve, "--pace", "0.3", "--fault", "slip@a4+0.7"], stderr=subprocess.DEVNULL)
     try:
         while not config.exists():
             assert served.poll() is None
+            assert time.monotonic() < deadline
             time.sleep(0.1)
         run = [*sqrp, "run", program, "--robot", config]
-        asked = subprocess.run(run, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+        asked = said(run)
         assert asked.returncode == 2
         assert "nobody agreed that the robot moves" in asked.stderr
-        dry = subprocess.run([*run, "--dry-run"], capture_output=True, text=True)
+        dry = said([*run, "--dry-run"])
         assert dry.returncode == 0
         assert "Nothing was commanded." in " ".join(dry.stdout.split())
         keep = ["--record", tmp_path / "run.mcap", "--log", tmp_path / "log.jsonl"]
-        ran = subprocess.run([*run, "--yes", "--json", *keep], capture_output=True, text=True)
+        ran = said([*run, "--yes", "--json", *keep])
         assert ran.returncode == 0, ran.stderr
         document = json.loads(ran.stdout)
         assert document["steps"][0]["attempts"] == 2

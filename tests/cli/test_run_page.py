@@ -73,7 +73,7 @@ def test_the_page_says_in_words_and_timelines_how_the_run_went(opened):
     # A fault is marked from when it happens until something is done.
     marks = opened.js("[...document.querySelectorAll('.lane .mark')].map((mark) => parseFloat(mark.style.left))")
     assert marks == pytest.approx([50.0, 53.75])
-    assert {"fault not seen yet", "fault seen, robot responds"} <= set(opened.texts("#legend span"))
+    assert {"fault not noticed yet", "fault noticed, robot responds"} <= set(opened.texts("#legend span"))
     # The time is told in words and what an image shows counts from when it was taken.
     for t, shown in ((2.09, "true"), (2.11, "false"), (2.5, "false")):
         opened.js("t => sqrp.seek(t)", t)

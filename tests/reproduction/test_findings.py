@@ -41,7 +41,7 @@ def few_images(tmp_path: Path) -> Path:
     """
     text = (SCREWS / "workspace.yaml").read_text(encoding="utf-8")
     for old, new in {
-        "rate: 10 Hz": "rate: 2 Hz",
+        "rate: 10 Hz": "rate: 1 Hz",
         "width: 1536, height: 1152": "width: 1024, height: 768",
         "../robots": f"{SCREWS.parent}/robots",
         "../../skills": f"{SCREWS.parents[1]}/skills",

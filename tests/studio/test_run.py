@@ -15,11 +15,13 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def cell(cell):
-    """That copy with fewer cameras and images, as what they show is not what this is about."""
+    """That copy with fewer cameras and images, and small ones, as what they show is not what this is about."""
     file = cell / "workspace.yaml"
     text = file.read_text()
     text = text[: text.index("  cam4:")] + text[text.index("skills:") :]
-    file.write_text(text.replace("rate: 10 Hz", "rate: 3 Hz"))
+    for old, new in ("width: 640, height: 480", "width: 320, height: 240"), ("pixels: 12", "pixels: 6"), ("10 Hz", "3 Hz"):
+        text = text.replace(old, new)
+    file.write_text(text)
     return cell
 
 
