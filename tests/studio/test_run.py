@@ -19,7 +19,11 @@ def cell(cell):
     file = cell / "workspace.yaml"
     text = file.read_text()
     text = text[: text.index("  cam4:")] + text[text.index("skills:") :]
-    for old, new in ("width: 640, height: 480", "width: 320, height: 240"), ("pixels: 12", "pixels: 6"), ("10 Hz", "3 Hz"):
+    for old, new in (
+        ("width: 640, height: 480", "width: 320, height: 240"),
+        ("pixels: 12", "pixels: 6"),
+        ("10 Hz", "3 Hz"),
+    ):
         text = text.replace(old, new)
     file.write_text(text)
     return cell
