@@ -97,7 +97,7 @@ class FaultMetrics(FileRecord):
     expected_time: Seconds | None
     """Mean time from the start of the skill to its end after one retry [s]; null where `unseen` is more than 0."""
     why: LateReason | None = field(default=None, metadata=LEFT_OUT)
-    """What takes longest until it is noticed; left out in programs."""
+    """What takes longest until it is noticed; not in programs."""
 
     def __post_init__(self) -> None:
         """Raises ValueError if a figure is not finite."""

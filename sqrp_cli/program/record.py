@@ -11,7 +11,7 @@ from itertools import pairwise
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import Field, PlainSerializer, SerializerFunctionWrapHandler, model_serializer
 
 from sqrp_cli.cell.canonical_values import Plain
 from sqrp_cli.cell.workspace import World
@@ -69,6 +69,9 @@ def _trajectory(numbers: _Numbers) -> Trajectory:
         raise refused("program-motion", message)
     return Trajectory.from_numbers(numbers.model_dump())
 
+
+_Fault = Annotated[FaultMetrics, PlainSerializer(lambda one: {k: v for k, v in vars(one).items() if k != "why"})]
+"""Without the reason why it is noticed late, which is for whoever ranks."""
 
 _Motion = Annotated[Trajectory, SerializedAs(_Numbers, _trajectory, Trajectory.to_numbers)]
 
@@ -218,7 +221,7 @@ class Step(Entry):
     time: Seconds
     q_avg: Share | None
     q_eoi: Share | None
-    faults: Mapping[str, FaultMetrics]
+    faults: Mapping[str, _Fault]
     verdict: str
     primitives: tuple[ProgramPrimitive, ...]
     formulas: tuple[ProgramFormula, ...]

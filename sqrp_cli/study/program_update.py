@@ -134,7 +134,7 @@ def make_step(task: str, analysis: Analysis, result: CandidateResult, cameras: t
         time=motion.time,
         q_avg=result.q_avg,
         q_eoi=result.q_eoi,
-        faults={name: replace(fault, why=None) for name, fault in result.faults.items()},
+        faults=result.faults,
         verdict=result.verdict,
         primitives=primitives,
         formulas=tuple(formulas),
