@@ -19,7 +19,6 @@ from sqrp_cli.checks.registry import RuleEntry, rules
 from sqrp_cli.cli.app import app
 from sqrp_cli.files.usual_values import CALIBRATION, HAND_EYE, SKILL, WORKSPACE, Usual
 from sqrp_cli.show.documents.schemas import schema_of
-from sqrp_cli.starter.by_name import GRIPPERS, PIP, ROBOTS, ROS_ROBOTS
 
 Schema = Mapping[str, Any]
 """A JSON Schema, or a part of one."""
@@ -37,7 +36,6 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference/skill.md": keys_page("skill", "Keys of `skill.yaml`"),
         "reference/mounts.md": keys_page("mounts", "Keys of `place.yaml`"),
         "reference/robot.md": keys_page("robot", "Keys of `robot.yaml`"),
-        "reference/robots.md": robots_page(),
         "reference/usual-values.md": usual_values_page(),
         "reference/calibration-formats.md": formats_page(),
     }
@@ -133,33 +131,6 @@ def usual_values_page() -> str:
     for file, rows in USUAL.items():
         parts += [f"## {file}", "", "| field | usual | because otherwise |", "|---|---|---|"]
         parts += [f"| `{row.at}` | {row} | {_cell(row.why)} |" for row in rows] + [""]
-    return "\n".join(parts) + "\n"
-
-
-def robots_page() -> str:
-    """Robots and grippers by name: each package, and what it has."""
-    parts = [
-        "# Robots by name",
-        "",
-        "`sqrp init mycell --robot ur5e --gripper robotiq_2f_85` takes the files of installed packages.",
-    ]
-    parts += ["An unknown name lists those that are there. Any other robot comes as `--urdf FILE`, a URDF or a xacro;"]
-    parts += [
-        "`--urdf package://PACKAGE/PATH` finds it in an installed package. [My gripper](../howto/gripper.md) says how"
-    ]
-    parts += [
-        "a gripper gets onto an arm, and [Start with your own robot](../howto/own-robot.md) what `init` finds.",
-        "",
-    ]
-    parts += ["`pip install 'sqrp[robots]'` brings `example-robot-data` and `airo-models`.", ""]
-    for title, named in (("Robots", {**ROS_ROBOTS, **ROBOTS}), ("Grippers", GRIPPERS)):
-        parts += [f"## {title}", "", "| package | names |", "|---|---|"]
-        packages: dict[str, list[str]] = {}
-        for name, path in named.items():
-            folder = path.partition("/")[0]
-            package = f"`pip install {PIP[folder]}`" if folder in PIP else f"`{folder}` of ROS"
-            packages.setdefault(package, []).append(f"`{name}`")
-        parts += [f"| {package} | {', '.join(names)} |" for package, names in sorted(packages.items())] + [""]
     return "\n".join(parts) + "\n"
 
 

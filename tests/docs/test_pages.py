@@ -21,7 +21,6 @@ MADE = {
     "commands.md",
     "mounts.md",
     "robot.md",
-    "robots.md",
     "workspace.md",
     "skill.md",
     "findings.md",
