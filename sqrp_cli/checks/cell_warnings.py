@@ -215,7 +215,7 @@ def swept_cameras(cell: Cell, world: World, steps: Iterable[Candidate]) -> Itera
             eyes = np.array([camera.X_FC[:3, 3] for camera in there]).reshape(-1, 3)
             for camera in compress(there, touched(solid, X_FP, eyes, CAMERA_RADIUS).tolist()):
                 del left[camera.name]
-                message = f"camera `{camera.name}` stands where `{solid.name}` passes in `{step.name}`"
+                message = f"camera `{camera.name}` stands where `{solid.name}` passes in `{step.task}`"
                 mend = "move it, or state its housing as a fixed object, which the robot then goes around"
                 yield warning("camera-in-the-way", message, cell.workspace, f"cameras.{camera.name}", mend)
 

@@ -252,7 +252,7 @@ def note(text: str) -> None:
     """A line that is not part of the results."""
     if verbosity.get() is Verbosity.QUIET:
         return
-    _put(diagnostics(), styled(text, "dim"))
+    _put_folded(diagnostics(), styled(text, "dim"))
 
 
 def ask(question: str) -> str:
