@@ -30,7 +30,7 @@ ROOMS = {
     "camera": ("camera", 1_809),
     "cell": ("cell", 3_281),
     "logic": ("logic", 2_330),
-    "skill, program": ("skill program", 1_901),
+    "skill, program": ("skill program", 1_904),
     "task": ("task", 977),
     "motion": ("motion", 2_687),
     "sight": ("kernel sight", 1_506),
