@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, inverse
+from sqrp_cli.geometry import Array, inverse, transform
 from sqrp_cli.motion.collision import CollisionScene, finger_steps
 from sqrp_cli.motion.timing import MotionLimits, joint_move
 from sqrp_cli.robot.kinematics import FingerModel, RobotModel
@@ -37,7 +37,11 @@ def closed_on(scene: CollisionScene, name: str, X_TO: Array, start: Array) -> Ar
         )
 
     if touches(0.0):
-        return f"`{name}` does not fit between the open fingers"
+        if model.fingers.width is None:
+            return f"`{name}` does not fit between the open fingers"
+        across = np.concatenate([transform(X_TO, solid.vertices)[:, 1] for solid in scene.object_solids[name]])
+        open_by = f"the fingers open to {1000 * model.fingers.width:.3g} mm"
+        return f"`{name}` does not fit between the fingers: it is {1000 * np.ptp(across):.3g} mm across, {open_by}"
     steps = finger_steps(model, start, closed, CLOSING_STEP)
     first = next((k for k in range(1, steps + 1) if touches(k / steps)), None)
     if first is None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
-from math import gcd
+from math import gcd, lcm
 
 import numpy as np
 
@@ -70,10 +70,12 @@ def grips(cell: Cell, candidate: Candidate, world: World) -> tuple[Candidate, ..
                     choices[name] = [side for side in first if all(side in other for other in others)]
                 else:
                     for part, obj in zip(placed, objects, strict=True):
-                        side, tool = FIRST_SIDE, 1
+                        side, tool, gripped = FIRST_SIDE, 1, 1
                         if isinstance(part, GraspWaypoint):
                             side, tool = side_of(setting_value(part.side, one.values)), tool_turns(cell.model)
-                        turns.append(ROUND if tool == ROUND else part_turns(obj, side))
+                            # Fingers may close on any two opposite sides, of which one pair may be too far apart.
+                            gripped = 4 if cell.model.fingers.joints else 1
+                        turns.append(ROUND if tool == ROUND else lcm(part_turns(obj, side), gripped))
                     choices[name] = equal_turns(gcd(*turns))
             chosen = (dict(zip(choices, values, strict=True)) for values in product(*choices.values()))
             longer += [replace(one, values={**one.values, **values}) for values in chosen]

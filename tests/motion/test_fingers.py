@@ -17,6 +17,7 @@ from sqrp_cli.motion.plan_motion import Motion, plan_motion
 from sqrp_cli.robot.kinematics import FingerModel
 from sqrp_cli.skill.skill import Release, SkillChoice
 from sqrp_cli.task.feasibility import feasible_motion
+from sqrp_cli.task.grips import grips
 from sqrp_cli.task.task import read_task
 
 GRIPPER = Path(__file__).parents[1] / "cases" / "gripper"
@@ -50,6 +51,17 @@ def turned(angle: float) -> Array:
 def test_fingers_stop_where_the_object_is_as_wide_as_the_gap_or_say_why_they_do_not(cell, thing, X_TO, expected):
     found = closed_on(cell.collision, thing, X_TO, np.array([OPEN]))
     assert found == (expected if isinstance(expected, str) else pytest.approx([expected], abs=3e-6))
+
+
+def test_what_does_not_fit_is_told_with_both_widths_and_taken_by_its_other_sides(cell):
+    slab = cell.workspace.objects["slab"]
+    stated = replace(cell.workspace.robot, fingers=replace(cell.workspace.robot.fingers, width=0.08))
+    wide = Cell.load(replace(cell.workspace, robot=stated))
+    found = closed_on(wide.collision, "slab", IN_TOOL, np.array([OPEN]))
+    assert found.endswith(f": it is {1000 * slab.size[1]:.3g} mm across, the fingers open to 80 mm")
+    (candidate,) = (one for one in read_task("pickup_two_finger slab", cell.workspace).candidates)
+    turns = {round(np.degrees(one.values["approach_yaw"])) for one in grips(cell, candidate, cell.initial_world)}
+    assert turns == {0, 90, 180, -90}
 
 
 def test_fingers_take_the_stated_time_or_what_their_limits_ask_for():
