@@ -248,15 +248,16 @@ def idle_cameras(
     blind = {one.place for one in told if one.code.startswith("camera-")}
     places = {one.name: cell.workspace.places.get(f"cameras.{one.name}") for one in cell.observer.cameras}
     left = [camera for camera in cell.observer.cameras if places[camera.name] not in blind]
-    if not 0 < len(candidates) <= MOST_LOOKED_AT:
-        return
-    for steps in candidates:
+    sought = False
+    for steps in candidates if len(candidates) <= MOST_LOOKED_AT else ():
         for _, targets, X_WF in _scenes(cell, world, steps):
             for box in (box for target in targets for box in target.boxes):
-                points = transform(X_WF[box.frame] @ box.X_FB, box_corners(box.size))
+                sought, points = True, transform(X_WF[box.frame] @ box.X_FB, box_corners(box.size))
                 views = [(one, transform(inverse(X_WF[one.frame] @ one.X_FC), points)) for one in left]
                 left = [one for one, points_C in views if not sees_any(one, np.eye(4), points_C.reshape(-1, 3))]
-    if left:
+        if not left:
+            return
+    if sought:
         several = len(left) > 1
         names = ", ".join(f"`{one.name}`" for one in left)
         message = f"camera{'s' * several} {names} never show{'s' * (not several)} what has to be seen in `{task}`"
