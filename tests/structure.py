@@ -36,7 +36,7 @@ ROOMS = {
     "sight": ("kernel sight", 1_506),
     "study": ("study", 4_409),
     "search": ("search", 4_298),
-    "checks": ("checks", 1_303),
+    "checks": ("checks", 1_304),
     "run": ("run", 7_344),
     "field": ("field ros", 2_946),
     "score": ("score", 2_305),
