@@ -67,7 +67,7 @@ def test_pages_load_nothing_from_elsewhere(site: Path) -> None:
         assert '<link rel="stylesheet" href="http' not in text, page
 
 
-FOUND = {"gripper": "gripper", "latency": "latency", "never noticed": "Will a dropped part be noticed?"}
+FOUND = {"gripper": "My gripper", "latency": "latency", "never noticed": "Will a dropped part be noticed?"}
 """What people look for, and words of the best answer."""
 
 
