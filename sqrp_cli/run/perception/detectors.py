@@ -140,7 +140,7 @@ def color_detections(
     view: ExpectedView, background: Background, obj: SceneObject, boxes: Sequence[TargetBox]
 ) -> tuple[list[BoxDetection], Array | None]:
     """What is seen of the boxes in which a coloured object may be, and where it was seen [m]; None if unknown."""
-    colored = color_mask(view.image, obj.color or "")
+    colored = view.colored(obj.color or "")
     places = [_place(view, background, obj, colored, box) for box in boxes]
     poses, at_tool = [view.pose(box) for box in boxes], [box.frame in view.X_WL for box in boxes]
     held = []

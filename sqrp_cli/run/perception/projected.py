@@ -272,6 +272,8 @@ class ExpectedView(PosedCamera):
         """All boxes to look at, each with its atom."""
         self.markers: Callable[[str], list[FoundMarker]] = cache(partial(find_markers, image))
         """The markers of a dictionary in the image."""
+        self.colored: Callable[[str], Mask] = cache(partial(color_mask, image))
+        """Where the image has a colour."""
         self.robot = self.silhouette(cell.robot.surfaces, self.X_WL)
         """The silhouette that the robot has in it, by its encoders."""
 
@@ -341,5 +343,5 @@ class ExpectedView(PosedCamera):
                 (anyway if color is None else of_tool.setdefault(color, [])).append(outline.corners)
         mask = filled(self.whole, anyway)
         for color, corners in of_tool.items():
-            mask |= filled(self.whole, corners) & color_mask(self.image, color)
+            mask |= filled(self.whole, corners) & self.colored(color)
         return mask
