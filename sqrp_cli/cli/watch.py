@@ -125,7 +125,7 @@ _ARROW = " → "
 _TEXTS = ("finding", "verdict")  # titles of columns that may be folded
 
 
-_TITLES = ("Q_eoi [%]", "Q_avg [%]", "time [s]", "seen [s]", "at worst")
+_TITLES = ("critical time seen [%]", "time seen [%]", "takes [s]", "noticed after [s]", "at the latest [s]")
 
 
 def view_of(answer: Document) -> AnswerView:

@@ -261,7 +261,7 @@ def obstacle(problem: Problem, requirements: Requirements, *, blind: bool) -> st
     """
     if blind:
         fails = ", if one of them fails" if requirements.failure_tolerance else ""
-        return f"all qualities of all candidates would stay 0.0 %{fails}"
+        return f"none of them would see anything that matters{fails}"
     free = np.array(problem.free, dtype=np.int64)
     places = len(np.unique(problem.site_of[free]))
     if not len(free):

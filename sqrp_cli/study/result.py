@@ -161,7 +161,7 @@ class CandidateResult(Figures):
         """Its name and quality."""
         if not self.feasible:
             return f"{self.name}, infeasible"
-        return self.name if self.q_eoi is None else f"{self.name}, Q_eoi {100 * self.q_eoi:.1f} %"
+        return self.name if self.q_eoi is None else f"{self.name}, critical time seen {100 * self.q_eoi:.1f} %"
 
     @property
     def has_choice(self) -> bool:

@@ -118,7 +118,7 @@ def test_a_placement_without_any_camera_has_a_page_too(folder, browser):
     blind = open_cell(TABLETOP).place("pickup g3", cameras=2, ways="fastest", mounts=file)
     assert not blind.cameras
     assert not blind.met
-    assert blind.reason == "all qualities of all candidates would stay 0.0 %"
+    assert blind.reason == "none of them would see anything that matters"
     page = folder / "blind.html"
     write_placement(blind, page, arguments=["place"], jobs=1, progress=silent)
     assert blind.reason in carried(page, "overview")["summary"]
