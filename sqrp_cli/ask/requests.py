@@ -81,9 +81,9 @@ JOBS: Any = option(
 PROGRESS: Any = value(values.progress, default=values.silent)
 """Called with a title and a total; gives what is called with how many are done."""
 SAMPLING: Any = options(
-    OptionWord("--samples N", "N samples per primitive action, instead of as many as needed.", int),
+    OptionWord("--samples N", "N samples per piece of motion, instead of as many as needed.", int),
     OptionWord("--dt S", "A sample every S seconds, instead of as many as needed."),
-    OptionWord("--tolerance POINTS", "Error of Q that sampling may leave, in points; 0.1 by default.", float),
+    OptionWord("--tolerance POINTS", "How exact shares of time are to be, in points; 0.1 by default.", float),
     kind=values.sampling,
 )
 """Adaptive by default."""
@@ -134,7 +134,8 @@ class RankRequest(TaskRequest):
 
     by: Criterion = option(
         "--by",
-        "What counts first; q_eoi by default.",
+        "What counts first: critical time seen (q_eoi, by default), time seen (q_avg), how long it takes (time), how late "
+        "a fault is noticed (delay), or when all is done after a retry (expected_time).",
         values.one_of("q_eoi", "q_avg", "time", "delay", "expected_time"),
         default="q_eoi",
     )
@@ -158,7 +159,7 @@ class RankRequest(TaskRequest):
 class ExplainRequest(TaskRequest):
     """Explain how well the cameras see a way of doing a task.
 
-    Shows when each camera sees each literal, and what is in the way when it does not.
+    Shows when each camera sees each fact, and what is in the way when it does not.
     """
 
     choose: str | None = CHOOSE._replace(kind=values.choice, kw_only=False)
@@ -361,7 +362,7 @@ class RunRequest(Request):
 class AuditRequest(Request):
     """Compare recorded camera images with what a program predicts.
 
-    Shows which cameras have moved, which clocks are wrong, and how often each camera showed each literal when it was
+    Shows which cameras have moved, which clocks are wrong, and how often each camera showed each fact when it was
     predicted to.
     """
 

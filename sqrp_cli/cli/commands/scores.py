@@ -261,7 +261,7 @@ def _diff(
 ) -> ExitCode:
     """Compare two versions of a workspace.
 
-    Show what differs, field by field, and which camera therefore no longer sees which literal, and when.
+    Show what differs, field by field, and which camera therefore no longer sees which fact, and when.
     """
     from sqrp_cli.score.cluster import connected
     from sqrp_cli.show.terminal.console import note

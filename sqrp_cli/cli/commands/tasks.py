@@ -229,7 +229,7 @@ def _explain(
     workspace: Path = requests.START,
     compared: bool = flag("--all", "Compare all candidates side by side."),
     images: Path | None = option(
-        "--images DIR", "Write what each camera sees in each blind interval as pictures.", values.path
+        "--images DIR", "Write pictures of what each camera sees whenever something is not seen.", values.path
     ),
     watch: bool = requests.WATCH,
     seed: int = requests.SEED,
