@@ -134,8 +134,8 @@ class RankRequest(TaskRequest):
 
     by: Criterion = option(
         "--by",
-        "What counts first: critical time seen (q_eoi, by default), time seen (q_avg), how long it takes (time), how late "
-        "a fault is noticed (delay), or when all is done after a retry (expected_time).",
+        "What counts first: critical time seen (q_eoi, by default), time seen (q_avg), how long it takes (time), how "
+        "late a fault is noticed (delay), or when all is done after a retry (expected_time).",
         values.one_of("q_eoi", "q_avg", "time", "delay", "expected_time"),
         default="q_eoi",
     )
