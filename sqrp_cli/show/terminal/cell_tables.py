@@ -226,7 +226,7 @@ def print_new_cell(made: NewCell) -> None:
     if made.own_arm:
         say_command("Lines marked `check:` were guessed; compare with:", f"sqrp show {where}")
     if run is not None and run.outcome == "done":
-        seen = f", and {run.seen} of {run.promised} promised images showed what they should" if run.promised else ""
+        seen = f", and {run.seen} of {run.promised} predicted images showed what they should" if run.promised else ""
         say(f"`{made.task}` was run once in the simulated cell: done after {run.time:.1f} s{seen}.")
     elif run is not None:
         say(f"`{made.task}` was run once in the simulated cell: {run.outcome} at {run.time:.2f} s, {run.reason}")
