@@ -66,6 +66,8 @@ def print_ranking(found: Ranking, *, all_rows: bool = False) -> None:
     print_infeasible((one.name, one.objects, one.why[0]) for one in found.candidates if not one.feasible)
     if feasible:
         say()
+        for sentence in sentences.never_noticed(feasible):
+            say(sentence, "red")
         for sentence in _sentences(feasible, found):
             say(sentence)
         say("* No other row is better in everything.", "dim")
@@ -78,8 +80,7 @@ def print_ranking(found: Ranking, *, all_rows: bool = False) -> None:
 
 
 def _sentences(feasible: Sequence[CandidateResult], found: Ranking) -> Iterator[str]:
-    """What is never noticed, why the last is last, what faster ways there are, and where no path helps."""
-    yield from sentences.never_noticed(feasible)
+    """Why the last is last, what faster ways there are, and where no path helps."""
     last, all_seen = feasible[-1], feasible[-1].verdict == f"{NOTHING_MISSING}."
     if len(feasible) > 1:
         beginning = f"Even with {last.name}, the last," if all_seen else f"Why {last.name} is last:"

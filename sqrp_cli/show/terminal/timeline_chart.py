@@ -64,7 +64,9 @@ def print_explanation(found: Explanation) -> None:
             say(f"- {reason}")
         return
     say(f"{title}: {sentences.what_it_means(found)}", "bold")
-    for sentence in (*sentences.never_noticed([found]), *sentences.noticed_late(found)):
+    for sentence in sentences.never_noticed([found]):
+        say(sentence, "red")
+    for sentence in sentences.noticed_late(found):
         say(sentence)
     say(" ".join(filter(None, (found.verdict, sentences.what_to_move(found.to_move)))))
     rank = "cannot be done" if found.rank is None else f"rank {found.rank}"
