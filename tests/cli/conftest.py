@@ -7,6 +7,7 @@ import hashlib
 import io
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -215,7 +216,8 @@ def harsh(once):
 
     def write(folder: Path) -> Path:
         skill_folder = Path(shutil.copytree(ROOT / "skills" / "pickup", folder / "pickup"))
-        skill = yaml.safe_load((skill_folder / "skill.yaml").read_text(encoding="utf-8"))
+        text = (skill_folder / "skill.yaml").read_text(encoding="utf-8")
+        skill = yaml.safe_load(re.sub(r"\bon:", "'on':", text))  # YAML 1.1 takes a bare `on` for a truth value
         set_values(skill, read_cases("made_cells.yaml")["harsh_skill"])
         (skill_folder / "skill.yaml").write_text(yaml.safe_dump(skill), encoding="utf-8")
         return made_cell("harsh", folder)
