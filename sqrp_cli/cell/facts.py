@@ -19,7 +19,7 @@ from sqrp_cli.files.source import SourceDocument
 from sqrp_cli.logic.domain import Domain
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.skill.settings import Reference, number_of, side_of
-from sqrp_cli.skill.skill import EMPTY, HELD, ON_FIXTURE, ON_OTHER, Grasp, GraspWaypoint, Meaning, Release, Skill
+from sqrp_cli.skill.skill import Grasp, GraspWaypoint, Meaning, Release, Skill
 
 _FACT = re.compile(r"\s*(not\s+)?([A-Za-z][\w-]*)\s*(?:\(\s*([^()]*?)\s*\))?\s*")
 
@@ -77,18 +77,17 @@ def facts_of_cell(
     cannot be while an object is in the tool.
     """
     meanings = {predicate: meaning for skill in skills for predicate, meaning in skill.initially.items()}
-    in_tool = next((item for item in objects.values() if item.X_TO is not None), None)
+    in_tool = next((name for name, item in objects.items() if item.X_TO is not None), None)
     said = {literal.atom: meanings.get(literal.atom.predicate) for literal in stated}
-    placed = {atom.arguments[0] for atom, meaning in said.items() if meaning not in (None, EMPTY, HELD)}
-    holds = in_tool is not None or any(said[one.atom] == HELD and one.positive for one in stated)
+    placed = {atom.arguments[0] for atom, meaning in said.items() if meaning not in (None, "nothing held", "held")}
+    holds = in_tool is not None or any(said[one.atom] == "held" and one.positive for one in stated)
     problems: list[Problem] = []
-    for literal, index in stated.items():
-        atom, meaning = literal.atom, said[literal.atom]
-        if in_tool is None or not literal.positive or meaning in (None, HELD):
-            continue
-        if meaning == EMPTY or atom.arguments[0] == in_tool.name:  # or where it stands
-            message = f"the state has `{atom}`, but `{in_tool.name}` is in the tool"
-            mend = f"remove `{atom}` from the state, or state where `{in_tool.name}` stands instead of `held`"
+    for literal, index in stated.items() if in_tool is not None else ():
+        atom, meaning = literal.atom, said[literal.atom] if literal.positive else None
+        # That it stands somewhere, or that nothing is held.
+        if meaning == "nothing held" or (meaning not in (None, "held") and atom.arguments[0] == in_tool):
+            message = f"the state has `{atom}`, but `{in_tool}` is in the tool"
+            mend = f"remove `{atom}` from the state, or state where `{in_tool}` stands instead of `held`"
             problems.append(document.problem("contradictory-facts", ("state", index), message, mend))
     if problems:
         raise InputError(*problems)
@@ -96,10 +95,10 @@ def facts_of_cell(
         item.name: item.on for item in objects.values() if item.on and item.X_TO is None and item.name not in placed
     }
     following: dict[Meaning, dict[tuple[str, ...], str]] = {
-        EMPTY: {} if holds else {(): "an empty tool"},
-        HELD: {(item.name,): f"`held: {item.pose.held}`" for item in objects.values() if isinstance(item.pose, Held)},
-        ON_FIXTURE: {(name,): f"`on: {on}`" for name, on in standing.items() if objects[on].fixed},
-        ON_OTHER: {(name, on): f"`on: {on}`" for name, on in standing.items()},
+        "nothing held": {} if holds else {(): "an empty tool"},
+        "held": {(item.name,): f"`held: {item.pose.held}`" for item in objects.values() if isinstance(item.pose, Held)},
+        "stands on a fixture": {(name,): f"`on: {on}`" for name, on in standing.items() if objects[on].fixed},
+        "stands on the other": {(name, on): f"`on: {on}`" for name, on in standing.items()},
     }
     found: dict[Atom, str] = {}
     for predicate, meaning in meanings.items():

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated, ClassVar, Final, Literal, get_args
+from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import Field, StringConstraints, Tag, model_validator
 from pydantic_core import PydanticCustomError
@@ -299,11 +299,9 @@ FormulaOrText = MappingOr[FormulaEntry, Text]
 
 Meaning = Literal["held", "nothing held", "stands on a fixture", "stands on the other"]
 """What a predicate says of the cell at the beginning: of its first object, or of the tool."""
-HELD: Final = "held"
-EMPTY: Final = "nothing held"
-ON_FIXTURE: Final = "stands on a fixture"
-ON_OTHER: Final = "stands on the other"
-OBJECTS_OF: Mapping[Meaning, int] = {HELD: 1, EMPTY: 0, ON_FIXTURE: 1, ON_OTHER: 2}
+OBJECTS_OF: Mapping[Meaning, int] = {
+    "held": 1, "nothing held": 0, "stands on a fixture": 1, "stands on the other": 2,
+}  # fmt: skip
 """How many objects a predicate of each meaning is about."""
 
 MOST_ENTRIES = 200  # of a kind in a skill

@@ -7,10 +7,11 @@ from weakref import WeakKeyDictionary
 
 from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.errors import Infeasible, InputError
+from sqrp_cli.logic.conditions import UnmetPart
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion, plan_motion
-from sqrp_cli.skill.skill import ON_FIXTURE, ON_OTHER, Skill
+from sqrp_cli.skill.skill import Skill
 from sqrp_cli.task.task import Candidate, read_task
 
 _unmet: WeakKeyDictionary[World, dict[tuple[str, ...], tuple[Skill, tuple[str, ...]]]] = WeakKeyDictionary()
@@ -41,36 +42,28 @@ def unmet_preconditions(cell: Cell, candidate: Candidate, world: World) -> tuple
     known, asked = _unmet.setdefault(world, {}), (candidate.skill.name, *candidate.binding.values())
     if asked not in known or known[asked][0] is not candidate.skill:
         failing = candidate.lacks(cell.workspace, world.facts)
-        at_start = world.facts == cell.workspace.state
-        said = (_mend(cell.workspace, part) if at_start and isinstance(part, Literal) else None for part in failing)
+        needs = f"`{candidate.skill.name}` needs"
         known[asked] = (
             candidate.skill,
-            tuple(
-                f"`{candidate.skill.name}` needs `{part}`" + (f": {mend}" if mend else ", which does not hold")
-                for part, mend in zip(failing, said, strict=True)
-            ),
+            tuple(f"{needs} `{part}`{_remedy(cell.workspace, world, part)}" for part in failing),
         )
     return known[asked][1]
 
 
-def _mend(workspace: Workspace, lacking: Literal) -> str | None:
-    """What to write for a fact that the workspace does not tell at its beginning; None if it is false, or can be done.
-
-    It is false where the cell says so: of an object that stands elsewhere or is in the tool, or a tool that is not
-    empty.
-    """
-    predicate, skills = lacking.atom.predicate, workspace.skills.values()
-    add, meaning = f"add `{lacking}` under `state:`", None
-    for skill in skills:
-        meaning = skill.initially.get(predicate, meaning)
-    if lacking.positive and meaning in (ON_FIXTURE, ON_OTHER):
-        name = lacking.atom.arguments[0]
-        stands = next((item.name for item in workspace.objects.values() if item.fixed), "table")
-        stands = lacking.atom.arguments[1] if meaning == ON_OTHER else stands
-        item = workspace.objects[name]
-        return None if item.on or item.X_TO is not None else f"{add}, or `on: {stands}` to `{name}`"
-    done = any(added.predicate == predicate for skill in skills for added in skill.action.adds)
-    return add if lacking.positive and meaning is None and not done else None
+def _remedy(workspace: Workspace, world: World, lacking: UnmetPart) -> str:
+    """What to write for a fact that the workspace does not tell at its beginning, unless its cell says it is false."""
+    false, skills = ", which does not hold", workspace.skills.values()
+    if not isinstance(lacking, Literal) or not lacking.positive or world.facts != workspace.state:
+        return false
+    predicate, names = lacking.atom.predicate, lacking.atom.arguments
+    meaning = next((skill.initially[predicate] for skill in skills if predicate in skill.initially), None)
+    if meaning in ("stands on a fixture", "stands on the other"):
+        fixed = next((item.name for item in workspace.objects.values() if item.fixed), "table")
+        item = workspace.objects[names[0]]
+        stands = item.on or item.X_TO is not None
+        return false if stands else f": add `{lacking}` under `state:`, or `on: {[*names, fixed][1]}` to `{names[0]}`"
+    done = meaning or any(added.predicate == predicate for skill in skills for added in skill.action.adds)
+    return false if done else f": add `{lacking}` under `state:`"
 
 
 MOST_WAYS = 4
