@@ -48,6 +48,6 @@ def test_the_page_has_few_words_and_the_screens_are_those_of_every_command() -> 
 
 
 def test_technical_words_are_found() -> None:
-    said = "Q_avg with `obj_on_table`, hold(g1): Pareto-optimal, `t_f` of left_finger, events of interest in cam1, no TCP at max_range"
+    said = "Q_avg, hold(g1), `t_f`: Pareto-optimal in left_finger, events of interest in cam1, no TCP at max_range"
     found = [*unexplained(said, "tabletop")]
     assert found == ["Q_avg", "Pareto", "optimal", "events of interest", "Q_avg", "left_finger", "TCP", "max_range"]
