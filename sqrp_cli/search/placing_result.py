@@ -294,7 +294,7 @@ def proof_in_words(found: PlaceDocument) -> str:
         stay = " besides those that stay" if found.keep else ""
         sentences.append(f"Fewer cannot be{stay}: {found.floor.reason}.")
     elif str(found.want) and found.met and found.fewest is not None and 1 < found.fewest == len(found.cameras):
-        sentences.append(f"Fewer than {number} do not reach {found.want}.")
+        sentences.append(f"Fewer than {number} do not meet the goal ({found.want}).")
     if found.fewer is not None:
         fewer = count_in_words(found.fewer.cameras)
         sentences.append(f"With {fewer} it is at most {100 * (found.fewer.bound or 0.0):.1f} %.")

@@ -39,18 +39,18 @@ def placement_in_words(found: PlaceDocument) -> PlacementWords:
         put = places and f"Put {places}{seen if found.objective > 0.0 else ''}."
     elif goal.delay is not None and goal.delay < found.quickest:
         unmet = (
-            f"No choice of these mounts reaches {goal}: a frame and the latency of the fastest camera take "
+            f"No choice of these mounts meets the goal ({goal}): a frame and the latency of the fastest camera take "
             f"{found.quickest:.2g} s, and tool and part have to part before. The nearest is below."
         )
     elif found.fewest:
-        unmet = f"So many cameras do not reach {goal}; take {count_in_words(found.fewest)}:"
+        unmet = f"So many cameras do not meet the goal ({goal}); take {count_in_words(found.fewest)}:"
     elif found.too_slow:
         unmet = f"Not every candidate can be done within {goal.time:.4g} s, whatever the cameras."
     elif not found.proven:
-        unmet = f"No choice that reaches {goal} was found; that none does is not proven. The nearest is below."
+        unmet = f"No choice that meets the goal ({goal}) was found; that none does is not proven. The nearest is below."
     else:
         best = "The best whatever the delay" if goal.delay is not None else "The nearest"
-        unmet = f"No choice of these mounts reaches {goal}. {best} is below."
+        unmet = f"No choice of these mounts meets the goal ({goal}). {best} is below."
 
     one = found.compared
     counts = (one.mounts, "mount"), (one.options, "pose"), (one.ways, "way"), (one.samples, "sample")

@@ -159,7 +159,7 @@ def test_where_the_time_is_missed_the_limit_is_the_motion(sqrp):
     primitives = sqrp("explain", TABLETOP, f"pickup g3 {' '.join(way)}", "--json").document["primitives"]
     longest = max(primitives, key=lambda one: one["end"] - one["start"])
     seconds = longest["end"] - longest["start"]
-    assert nearest["limit"] == f"its motion takes that long, {seconds:.1f} s of it {longest['name']}"
+    assert nearest["limit"] == f"its motion takes that long, {seconds:.1f} s of it {longest['does']}"
 
 
 def test_the_number_of_processes_changes_nothing(sqrp, small, aims):
@@ -443,7 +443,7 @@ def test_ctrl_c_while_the_page_is_written_keeps_the_advice_and_writes_nothing(sq
     page, before = tmp_path / "page.html", (own / "workspace.yaml").read_bytes()
     outcome = sqrp("advise", own, TASK, "--kinds", "way", "--report", page, "--apply", 1)
     assert outcome.code == 130
-    assert "do g1 left, flipped" in outcome.out
+    assert "Do g1 (shoulder left, wrist flipped)." in outcome.out
     assert outcome.err.endswith(f"interrupted before {page} was written\n")
     assert not page.exists()
     assert (own / "workspace.yaml").read_bytes() == before

@@ -50,7 +50,7 @@ def test_an_answer_is_the_table_and_the_document_of_its_command(asked, cell, ask
 def test_a_notebook_shows_the_table_with_colours(cell):
     html = cell.rank("pickup g2")._repr_html_()
     assert html.startswith("<pre")
-    assert "Q_eoi" in html
+    assert "critical" in html
     assert "color:" in html
 
 
