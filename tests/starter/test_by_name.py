@@ -12,6 +12,7 @@ from sqrp_cli.starter.arm_guess import guess_arm
 from sqrp_cli.starter.by_name import GRIPPERS, ROBOTS, find_named
 from sqrp_cli.starter.description import OwnRobot, describe_robot
 from sqrp_cli.starter.hand import driven_joints
+from sqrp_cli.starter.make import make_starter
 
 AXES = {"panda": 7, "so101": 5, "px100": 4, "baxter": 7, "tiago": 8}
 
@@ -51,3 +52,11 @@ def test_the_name_of_a_robot_is_no_file(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         describe_robot(OwnRobot("ur5e"), tmp_path)
     assert caught.value.problems[0].mend == "name the robot, not a file: `--robot ur5e`"
+
+
+def test_a_gripper_that_is_not_understood_is_refused_and_no_cup_stands_for_it(tmp_path: Path) -> None:
+    hand = "package://example-robot-data/robots/allegro_hand_description/urdf/allegro_left_hand.urdf"
+    with pytest.raises(InputError) as caught:
+        make_starter(tmp_path / "cell", OwnRobot(find_named("ur5e", "robot")[0], gripper=hand))
+    assert "`allegro_hand_left` has no fingers that SQRP understands" in caught.value.problems[0].message
+    assert list(tmp_path.iterdir()) == []
