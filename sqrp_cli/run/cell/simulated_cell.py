@@ -116,6 +116,9 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
             self._tool_bodies |= set(np.flatnonzero(finger_bodies(model, joints) >= 0).tolist())
             joints += [joint for joint, leader, _, _ in follow if leader in joints]
             self._finger_of_body = finger_bodies(model, joints)
+            if len(joints) == 1:  # the jaw that stands still is the other finger
+                carrier = model.body_weldid[model.body_parentid[model.jnt_bodyid[joints[0]]]]
+                self._finger_of_body[model.body_weldid == carrier] = model.njnt
             self._pads = np.flatnonzero(self._finger_of_body[model.geom_bodyid] >= 0)
             model.geom_priority[self._pads] = 1  # so that their friction alone counts
         if world.held is not None and world.X_TO is not None:

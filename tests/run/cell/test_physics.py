@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.mesh import read_mesh
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import Workspace, World
@@ -20,6 +22,7 @@ from sqrp_cli.run.cell.mujoco_model import mujoco
 from sqrp_cli.run.cell.simulated_cell import SimulatedCell
 from sqrp_cli.shapes import Mesh
 from sqrp_cli.sight.solids import load_solid
+from tests.cells import ROOT
 from tests.run.cell.scenes import TABLE, Quintic, Rest, camera, cell, thing, workspace, world
 from tests.task.robots import REAL_ARMS, ROBOTS, robot
 
@@ -213,6 +216,29 @@ def test_fingers_hold_by_friction_while_the_arm_moves_and_let_go() -> None:
     physics.advance(4.7, Quintic(lifted, lifted | OPEN, 4.0, 0.5))  # released fingers follow the reference
     assert physics.held() is None
     assert fingers(physics) == pytest.approx([0.04, 0.04], abs=5e-4)
+
+
+def test_a_jaw_that_moves_alone_holds_against_the_one_that_stands_still(tmp_path: Path) -> None:
+    robots = ROOT / "workspaces" / "robots"
+    still = re.sub(
+        r'<joint name="right_finger_joint" type="prismatic">\s*<origin xyz="0 0 0.05"/>(.*?)<axis.*?</joint>',
+        r'<joint name="right_finger_joint" type="fixed"><origin xyz="0 -0.0202 0.05"/>\1</joint>',
+        (robots / "two_finger_gripper.urdf").read_text(),
+        flags=re.DOTALL,
+    )
+    (tmp_path / "jaw.urdf").write_text(still)
+    text = (ROOT / "tests" / "cases" / "gripper" / "workspace.yaml").read_text()
+    text = text.replace("../../../workspaces/robots/two_finger_gripper.urdf", str(tmp_path / "jaw.urdf"))
+    stated = load_workspace(ROOT / "tests" / "cases" / "gripper" / "workspace.yaml", text.encode())
+    base = cell(stated, [TABLE, CUBE])
+    physics, q = grasped(base)
+    physics.advance(1.6, Rest(q))
+    assert physics.held() == "cube"
+    physics.advance(2.8, Quintic(q, q | at_pose(base, above((0.4, 0.1, 0.12))), 1.6, 1.0))
+    assert physics.held() == "cube"
+    assert physics.truth().X_WO["cube"][2, 3] == pytest.approx(0.12, abs=2e-3)
+    physics.slip()
+    assert physics.held() is None
 
 
 def test_fingers_close_from_afar_at_five_centimetres_per_second() -> None:
