@@ -37,7 +37,7 @@ ROOMS = {
     "study": ("study", 4_409),
     "search": ("search", 4_298),
     "checks": ("checks", 1_304),
-    "run": ("run", 7_346),
+    "run": ("run", 7_349),
     "field": ("field ros", 2_946),
     "score": ("score", 2_305),
     "show": ("show", 5_017),
