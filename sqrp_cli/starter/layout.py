@@ -122,6 +122,8 @@ def workspace_text(layout: Layout) -> str:
     if layout.package_roots:
         roots = ", ".join(map(_text, layout.package_roots))
         files += f"  package_roots: [{roots}]  # check: where the package:// of its meshes is looked up\n"
+    if layout.gripper:
+        files += "  geometry: visual  # check: which shapes are solid and hide things; `collision` is faster\n"
     if grip is not None:
         opened, closed = (
             "{" + ", ".join(f"{_text(name)}: {_position(at, name in layout.slides)}" for name, at in of.items()) + "}"
