@@ -25,7 +25,7 @@ from sqrp_cli.starter import search
 from sqrp_cli.starter.arm_guess import ArmGuess, guess_arm
 from sqrp_cli.starter.description import Description, OwnRobot, describe_robot
 from sqrp_cli.starter.hand import Grip, driven_joints, find_grip
-from sqrp_cli.starter.layout import TASK, Cube, Layout, workspace_text
+from sqrp_cli.starter.layout import SCHEMA, TASK, Cube, Layout, workspace_text
 from sqrp_cli.study.analysis import analyse
 from sqrp_cli.study.blind_spans import cause_totals
 from sqrp_cli.study.sampling import Adaptive
@@ -55,12 +55,13 @@ def make_starter(
     robot: OwnRobot | str | None,
     tip: str | None = None,
     advance: Callable[[int], object] = lambda _: None,
+    schema: str = "{}",
 ) -> Layout:
     """Make a workspace in a folder that does not exist or is empty.
 
     robot: the user's arm, or just its URDF, a path or `package://...`; None for a shipped arm.
     tip: the link at the end of the arm, of a robot that has several; None to guess. advance: called with 1 for each of
-    at most `MOST_STANDS` that was tried.
+    at most `MOST_STANDS` that was tried. schema: of its file, for editors.
     Raises InputError, and writes nothing, if the folder cannot be made or the robot cannot be used.
     """
     if folder.is_dir():
@@ -89,6 +90,8 @@ def make_starter(
         with naming(folder, "this folder cannot be made"):
             shutil.copytree(SHIPPED / SKILL, draft / SKILL)
             (draft / "robots").mkdir()
+            (draft / SCHEMA).parent.mkdir()
+            (draft / SCHEMA).write_text(schema, encoding="utf-8")
             for file in (SUCTION_CUP, *([OWN_ARM] if robot is None else [])):
                 shutil.copyfile(SHIPPED / file, draft / file)
             own = robot if isinstance(robot, OwnRobot) else OwnRobot(robot or str(draft / OWN_ARM))

@@ -29,7 +29,6 @@ def made(ask: InitRequest) -> NewCell:
     from sqrp_cli.show.documents.schemas import schema_of
     from sqrp_cli.starter.by_name import find_named
     from sqrp_cli.starter.description import OwnRobot
-    from sqrp_cli.starter.layout import SCHEMA
     from sqrp_cli.starter.make import make_starter
     from sqrp_cli.starter.search import MOST_STANDS
 
@@ -44,10 +43,8 @@ def made(ask: InitRequest) -> NewCell:
         gripper, _ = find_named(gripper, "gripper")
     own = OwnRobot(urdf, given, roots, None if ask.moveit is None else Path(ask.moveit), gripper)
     with ask.progress("Looking for what the arm can reach", MOST_STANDS) as advance:
-        found = make_starter(folder, own if is_own else None, ask.tip, advance)
-    schema = found.folder / SCHEMA
-    schema.parent.mkdir()
-    schema.write_text(json.dumps(schema_of("workspace")), encoding="utf-8")
+        schema = json.dumps(schema_of("workspace"))
+        found = make_starter(folder, own if is_own else None, ask.tip, advance, schema=schema)
     tried = first_run(found.folder, found.task, ask.progress) if ask.run and found.task is not None else None
     return NewCell(
         workspace=str(found.folder),
