@@ -112,6 +112,7 @@ def run_by_shell(script: str) -> str:
     own = 'sqrp() { "$PYTHON" -m sqrp_cli "$@"; }\n'
     variables = {name: value for name, value in os.environ.items() if name not in ("FORCE_COLOR", "LINES", "TERM")}
     variables |= {"PYTHON": sys.executable, "COLUMNS": "80", "NO_COLOR": "1", "LC_ALL": "C.UTF-8"}
+    variables |= {"PYTHONDONTWRITEBYTECODE": "1"}  # a full disk would leave half of it
     done = subprocess.run(["/bin/sh", "-c", own + script], env=variables, capture_output=True, timeout=120, check=False)
     code = [f"? {done.returncode}"] if done.returncode else []
     err = [f"! {line}" for line in done.stderr.decode().splitlines()]
