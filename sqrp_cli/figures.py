@@ -61,7 +61,7 @@ LATE = 1.0
 
 LateCause = Literal[
     "line_of_sight", "hardly_apart", "no_place", "not_in_place", "fingers_close", "fingers_hide", "not_seen",
-    "not_asked", "frame",
+    "not_asked", "still_there", "frame",
 ]  # fmt: skip
 """What takes longest until a fault is noticed."""
 

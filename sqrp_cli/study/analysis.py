@@ -140,7 +140,9 @@ def planned_motion(cell: Cell, candidate: Candidate, world: World, motion: Motio
     formulas = ground_formulas(candidate, spans, motion.time)
     targets = ground_targets(cell, candidate, world, motion, formulas)
     stage = Stage(cell.model, motion, pieces.cut_into_pieces(list(spans.values()), formulas), world.X_WO)
-    if (told := _from_when_told(formulas, candidate, stage, targets)) != formulas:
+    told = _from_when_told(formulas, candidate, stage, targets)
+    since = {one.fault: one.start for one, later in zip(formulas, told, strict=True) if one.fault and one != later}
+    if since:
         formulas = told
         stage = Stage(cell.model, motion, pieces.cut_into_pieces(list(spans.values()), formulas), world.X_WO)
     column = {target.atom: number for number, target in enumerate(targets)}
@@ -150,6 +152,7 @@ def planned_motion(cell: Cell, candidate: Candidate, world: World, motion: Motio
         world=world,
         motion=motion,
         formulas=formulas,
+        since=since,
         targets=targets,
         stage=stage,
         faults={name: tuple(dict.fromkeys(column[one.atom] for one in literals)) for name, literals in faults},
@@ -224,6 +227,11 @@ def with_delays(cell: Cell, observed: Sequence[Observed], sampling: Sampling) ->
             fault: tuple(onset(stage, observer, literals[fault], targets, span) for span in spans)
             for fault, spans in intervals.items()
         }
+        for fault, start in planned.since.items():  # what happens before images can tell it is shown once they can
+            told, *others = onsets[fault]
+            usual = None if told.usual is None else np.insert(told.usual, 0, told.usual[0])
+            shown = np.insert(told.shown, 0, told.shown[0])
+            onsets[fault] = (replace(told, x=np.insert(told.x, 0, start), shown=shown, usual=usual), *others)
         windows = all_fault_windows(planned, one.timeline, observer, sampling)
         recovery = recovery_over(planned.motion, cell.model, first)
         why = {fault: why_late(cell, planned, fault, windows[fault], onsets[fault]) for fault in onsets}

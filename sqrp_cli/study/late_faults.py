@@ -55,6 +55,10 @@ def why_late(
     delay, at, shown_at, onset = max(slowest, key=lambda one: one[0])
     parting, total, never = shown_at - at, planned.motion.time, delay == np.inf
     wait, after = delay - parting, None if never else delay
+    told = min((one.start for one in planned.formulas if one.fault == fault), default=0.0)
+    if at < told - _PROMPT and not never:
+        words = f"until {told:.2f} s the part is still where it stood, slipped or not"
+        return LateReason(kind="still_there", camera=None, at=at, after=after, words=words)
     if isinstance(onset, DropOnset) and parting > _PROMPT and (shown_at > total if never else parting >= wait):
         part, x, each, _, causes = onset.drops
         index = np.abs(x - at).argmin()

@@ -65,6 +65,8 @@ class PlannedMotion(ObservationRequest):
     """That it starts from."""
     motion: Motion
     formulas: tuple[GroundOperator, ...]
+    since: Mapping[str, float]
+    """When a fault, by its name, may first happen if images cannot tell it yet: before its formula's interval [s]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,6 +40,10 @@ def test_a_slip_counts_from_when_the_lifted_part_has_left_its_place():
     assert slip.start == pytest.approx(left + 0.3, abs=0.021)
     assert slip.end == lift.end
     analysis = analyse(cell, candidate, cell.initial_world, FixedCount(5), full=True)
+    # A part that slips before is noticed once images can tell it: its delay counts from the slip.
+    (onset,), found = analysis.onsets["slip"], analysis.result.faults["slip"]
+    assert onset.x[0] == lift.start
+    assert found.delay_worst is None or found.delay_worst >= slip.start - lift.start
     step = make_step("pickup red1", analysis, analysis.result, tuple(cell.workspace.cameras))
     (told,) = (one.formula for one in step.formulas if one.fault == "slip")
     assert float(told.split("[")[1].split(",")[0]) == pytest.approx(slip.start, abs=1e-9)
