@@ -130,8 +130,17 @@ def boxes_of_targets(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
             yield Problem("too-small-for-every-camera", message, place, mend=mend)
 
 
-def colors(workspace: Workspace) -> Iterator[Problem]:
-    """Objects that a detector of colours looks for, and cannot see or cannot tell from what they stand on."""
+def without_hue(workspace: Workspace) -> dict[str | None, list[str]]:
+    """Objects that a detector of colours looks for in vain, by their colour."""
+    found: dict[str | None, list[str]] = {}
+    for item in _sought_by_color(workspace):
+        if (item.color is None or hue_of(item.color) is None) and not item.fixed:
+            found.setdefault(item.color, []).append(item.name)
+    return found
+
+
+def _sought_by_color(workspace: Workspace) -> list[SceneObject]:
+    """Objects that a detector of colours looks for."""
     sought = {
         item.name: item
         for skill in workspace.skills.values()
@@ -140,12 +149,19 @@ def colors(workspace: Workspace) -> Iterator[Problem]:
         for item in _possible_objects(workspace, skill, box)
         if item is not None
     }
-    alike, unseen = dict[str, list[str]](), dict[str | None, list[str]]()
-    for item in sought.values():
+    return [*sought.values()]
+
+
+def colors(workspace: Workspace) -> Iterator[Problem]:
+    """Objects that a detector of colours looks for, and cannot see or cannot tell from what they stand on."""
+    alike, unseen = dict[str, list[str]](), without_hue(workspace)
+    for item in _sought_by_color(workspace):
         support = workspace.objects.get(item.on or "")
-        if (item.color is None or hue_of(item.color) is None) and not item.fixed:
-            unseen.setdefault(item.color, []).append(item.name)
-        elif support is not None and look_alike(item.color, support.color):
+        if (
+            item.name not in unseen.get(item.color, ())
+            and support is not None
+            and look_alike(item.color, support.color)
+        ):
             alike.setdefault(support.name, []).append(item.name)
     for color, parts in unseen.items():
         who, place = f"detectors of colours look for {first_names(parts)}", f"objects.{parts[0]}"

@@ -62,7 +62,7 @@ def test_what_takes_longest_is_named(
     windows: list[tuple[float, float]], lag: float, cause: str, says: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cell: Any = SimpleNamespace(observer=SimpleNamespace(cameras=[SimpleNamespace(name="left")]))
-    planned: Any = SimpleNamespace(motion=SimpleNamespace(time=4.0))
+    planned: Any = SimpleNamespace(motion=SimpleNamespace(time=4.0), formulas=())
     monkeypatch.setattr(late_faults, "_unseen", lambda *given: ("not_seen", "right", f"no camera sees it{given[-1]}"))
     x = np.array([1.0, 3.0])
     causes = np.array([["line_of_sight"] * 2])

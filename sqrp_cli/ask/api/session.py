@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from sqrp_cli.ask import values
 from sqrp_cli.camera.camera import assumed_latency
 from sqrp_cli.cell.workspace import World
-from sqrp_cli.errors import Infeasible, InputError, Place, bad_input, bad_option, expected_names
+from sqrp_cli.errors import Infeasible, InputError, Place, bad_input, bad_option, expected_names, first_names
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.files import alone, check_writable, real_path
 from sqrp_cli.records import dataclass
@@ -91,6 +91,12 @@ class Session:
         place = sum(one.feasible for one in ranked) - 1
         if place >= 0 and not job.verdicts:
             ranked[place] = job.add_verdict(ranked[place])
+        from sqrp_cli.checks.lint import without_hue
+
+        named = {name for one in ranked for name in one.candidate.binding.values()}
+        unseen = [name for names in without_hue(self.cell.workspace).values() for name in names if name in named]
+        seen = [f"a detector is assumed that sees {first_names(unseen)}, whose colour none here sees"] if unseen else []
+        latency = assumed_latency(self.cell.observer.cameras)
         return Ranking(
             workspace=self.cell.workspace.name,
             task=self.task.text,
@@ -100,7 +106,7 @@ class Session:
             calibration=drawn,
             interrupted=interrupted or None,
             of=len(self.task.candidates),
-            assumed=assumed_latency(self.cell.observer.cameras),
+            assumed="; ".join(filter(None, (*seen, latency))),
             candidates=tuple(map(described, ranked)),
             session=self,
         )

@@ -37,7 +37,9 @@ def print_ranking(found: Ranking, *, all_rows: bool = False) -> None:
     """
     feasible, all_ways = found.feasible, found.ways == "all"
     if feasible:
-        say(f"{sentences.first_answer(feasible[0])}\n", "bold")
+        say(sentences.first_answer(feasible[0]), "bold")
+        say_assumed(found.assumed if feasible[0].faults else "")
+        say()
     say(joined([(found.task, "bold"), f" in {found.workspace}: {sentences.summary(found.candidates, found.by)}\n"]))
     if feasible:
         shown: Sequence[CandidateResult] = feasible
@@ -48,7 +50,6 @@ def print_ranking(found: Ranking, *, all_rows: bool = False) -> None:
             named = {one.name for one in (*feasible[:2], feasible[-1])}.union(list(best.values())[:MOST_ROWS])
             shown = [one for one in feasible if one.name in named]
         _print_feasible(feasible, shown)
-        say_assumed(found.assumed if feasible[0].faults else "")
         if (drawn := found.calibration) is not None:
             errors = f"{1000 * drawn.position:g} mm, {degrees(drawn.rotation):g} deg (one standard deviation"
             say(f"\nIf every camera is off by {errors}; {drawn.draws} draws, 5th to 95th percentile):")
@@ -95,6 +96,7 @@ def _sentences(feasible: Sequence[CandidateResult], found: Ranking) -> Iterator[
         if (
             first is not None
             and way is not None
+            and f"{way.time:.1f}" != f"{first.time:.1f}"
             and way.time < first.time
             and any(
                 compared_quality(own) < compared_quality(other)
