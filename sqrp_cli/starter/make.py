@@ -39,6 +39,8 @@ SKILL = "skills/pickup"
 
 LARGEST_CUBE, SMALLEST_CUBE = 0.05, 0.02  # side of a cube [m]; between these a twentieth of the arm's reach
 
+COMMON_PART = 0.03  # width of parts that a hand with one moving jaw is opened for, at least [m]
+
 HOMES = ("home", "ready", "default", "start")
 """Words in the names of states from which work begins, the likeliest first."""
 
@@ -175,7 +177,7 @@ def _with_hand(layout: Layout, description: Description, arm: ArmGuess, bare: Ce
             gripper.movable_joints,
         )
         layout = replace(layout, gripper=description.gripper_text, X_LT=seat)
-    driven, size = driven_joints(joints, carried), _cube_size(search.arm_reach(bare.model), None)
+    driven, size = driven_joints(joints, carried), max(_cube_size(search.arm_reach(bare.model), None), COMMON_PART)
     if driven:
         slides = {*layout.slides, *(joint.name for joint in driven if joint.type == "prismatic")}
         lower, upper = {}, {}  # in whole tenths of degrees or millimetres, as the file has them
