@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,7 +18,7 @@ from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.run.perception.detectors import Background, color_detections
 from sqrp_cli.run.perception.projected import ExpectedView, PosedCamera, ProjectedObject, pieces_mask
-from sqrp_cli.run.perception.vision import filled
+from sqrp_cli.run.perception.vision import color_mask, filled
 from sqrp_cli.run.robot_body import Surface
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.scene_states import SceneStates
@@ -68,7 +69,7 @@ class Painted:
             image=image, whole=self.posed.whole, camera=self.eye, X_WC=self.posed.X_WC, robot=self._tool,
             believed=SimpleNamespace(holding=True, X_WO={}), pose=lambda box: box.X_FB,
             cell=SimpleNamespace(objects={}, detectors={"color": SimpleNamespace(min_visible=min_visible)}),
-            X_WL={"tool": np.eye(4)}, projected=lambda _, X: self.projected(X),
+            X_WL={"tool": np.eye(4)}, projected=lambda _, X: self.projected(X), colored=partial(color_mask, image),
         )  # fmt: skip
         view.crop = lambda polygon, margin: ExpectedView.crop(view, polygon, margin)
         background = Background(plain, nothing, nothing, nothing, moving=False)

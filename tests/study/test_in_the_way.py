@@ -103,7 +103,7 @@ def test_explain_tells_it_in_text_document_and_pictures(
 ) -> None:
     explained = open_cell(folder).explain("watch behind")
     text = str(explained)
-    assert "in_place(behind)  eye     100.0 %  bar " in text
+    assert "`in_place(behind)` holds  eye     100.0 %  bar " in text
     (first, _) = explained.to_move
     assert first.name == "wall"
     assert f"{100 * first.alone:.1f} % would be seen without it." in text.replace("\n", " ")
