@@ -62,7 +62,7 @@ def why_late(
     if isinstance(onset, DropOnset) and parting > _PROMPT and (shown_at > total if never else parting >= wait):
         part, x, each, _, causes = onset.drops
         index = np.abs(x - at).argmin()
-        number = each[:, index].argmax()
+        number = min(range(len(each)), key=lambda n: (-each[n, index], cell.observer.cameras[n].name))
         kind: LateCause = causes[number, index].item()
         after = None if parting > LONGEST else parting
         until = "to the end" if after is None else f"until {after:.2f} s after"
@@ -103,7 +103,7 @@ def _unseen(cell: Cell, planned: PlannedMotion, name: str, t: float, span: str) 
         causes, culprits, cameras = first.cause[0], first.by[0], observer.cameras
         hiding = {n: observer.solids[culprits[n]].part.parent for n in np.flatnonzero(causes == Cause.HIDDEN).tolist()}
         free = [hiding.get(n) in (None, *stage.model.links) for n in range(len(cameras))]  # but for the robot
-        number = int(np.lexsort((causes, free, sees[0].sum(axis=0)))[-1])
+        number = max(range(len(cameras)), key=lambda n: (sees[0][:, n].sum(), free[n], causes[n], cameras[n].name))
         name, limit = cameras[number].name, Cause(causes[number])
         if by_fingers and hiding.get(number) in stage.model.fingers.links:
             return "fingers_hide", name, f"closed fingers hide from camera `{name}`{span} that nothing is between them"

@@ -163,5 +163,5 @@ def test_a_camera_that_moves_beside_its_aim_says_how_far_it_turns():
     sideways, towards = (move.change(np.array(vector)) for vector in ([0.0, 1.0, 0.0], [0.0, 0.0, -0.5]))
     assert np.isclose(sideways.turn, np.pi / 4)
     assert np.isclose(towards.turn, 0.0, atol=1e-9)
-    assert sideways.words == f"move {camera.name} 1.00 m, +y, and turn it 45.0 deg"
-    assert towards.words == f"move {camera.name} 50.0 cm, -z"
+    assert sideways.words == f"move camera `{camera.name}` along +y 1.00 m, and turn it 45.0 deg"
+    assert towards.words == f"move camera `{camera.name}` along -z 50.0 cm"
