@@ -217,7 +217,7 @@ def test_ctrl_c_in_a_sweep_keeps_the_slips_that_are_finished(sqrp, cell, monkeyp
     arguments = ("run", cell.program, "--sim", "--sweep", "slip@a4", "--n", 3)
     found = sqrp(*arguments)
     assert found.code == 130
-    assert [line.split()[1:5] for line in found.out.splitlines()[3:5]] == [
+    assert [line.split()[1:5] for line in found.out.splitlines()[-1 - finished : -1]] == [
         [f"{t:.2f}", f"{t + 0.1:.2f}", "0.10", "<=0.20"] for t in done
     ]
     assert found.out.endswith(f"Interrupted: {finished} of 3 slips are finished.\n")
