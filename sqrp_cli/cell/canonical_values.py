@@ -36,7 +36,7 @@ DECIMALS = 9  # decimals of poses [m], which come from sines and cosines
 _LONGEST = 40  # most characters of a value that a sentence shows
 
 _POSE = re.compile(r"X_[A-Z]{2}")
-
+_WORDS = re.compile(r"primitives\.[0-9]+\.does")  # for people alone; programs have long kept them
 
 _LEFT_OUT = {
     "Workspace": {"name", "path", "files", "values", "warnings", "places", "tasks", "derived"},
@@ -120,7 +120,8 @@ def what_changed(before: CanonicalValues, now: CanonicalValues, skills: Collecti
             found.append(f"{subject} is {'new' if old is None else 'gone'}")
         else:
             unit = "m" if "prismatic" in (old.get("type"), new.get("type")) else "rad"
-            changes = (_change(subject, name, old.get(name), new.get(name), unit) for name in {**old, **new})
+            names = (name for name in {**old, **new} if not _WORDS.fullmatch(name))
+            changes = (_change(subject, name, old.get(name), new.get(name), unit) for name in names)
             found += filter(None, changes)
     return tuple(found)
 

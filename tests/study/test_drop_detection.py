@@ -96,9 +96,8 @@ def box_at(name: str, X_WB: Array, size: tuple[float, float, float]) -> TargetBo
 @pytest.mark.parametrize("size", SIZES)
 def test_from_when_on_a_part_counts_as_seen_lost_the_detector_says_so(eye: Any, size: tuple[float, ...]) -> None:
     painted, between, late = Painted(eye, size), 0, []  # type: ignore[arg-type]
-    X_WH = turned(HELD)
+    X_WH, far = turned(HELD), 2.2 * np.linalg.norm(size)
     for way in np.array(WAYS) / np.linalg.norm(WAYS, axis=1)[:, None]:
-        far = 2.2 * np.linalg.norm(size)
         free = HELD + np.linspace(0.0, far, STEPS)[:, None] * way
         X_WR = turned(HELD + 0.4 * max(size) * way)
         tool, rest = box_at("tool", X_WH, size), box_at("rest", X_WR, size)  # type: ignore[arg-type]
@@ -138,9 +137,8 @@ def test_a_part_must_fall_as_far_whatever_its_tool_hides_of_it(size: Size, hidde
     outline = painted.projected(X_WH).box
     along = np.ptp(outline.polygon, axis=0)[1] / height  # pixels of a metre
     usual, sure = (rule.pixels + rule.share * outline.area**0.5 for rule in (USUAL, SURE))
-    least = SHIFT_PIXELS + SHIFT_SHARE * outline.area**0.5
     seen = first * along
-    assert least - 0.5 <= seen <= sure
+    assert SHIFT_PIXELS + SHIFT_SHARE * outline.area**0.5 - 0.5 <= seen <= sure
     assert seen == pytest.approx(usual, abs=1.0)  # the detector measures by whole pixels
 
 
