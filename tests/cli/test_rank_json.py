@@ -15,7 +15,7 @@ Document = dict[str, Any]
 
 CRITERIA = ("q_eoi", "q_avg", "time", "delay", "expected_time")
 METRICS = ("time", "q_avg", "q_eoi", "t_total", "t_eoi", "states")
-FAULT_FIGURES = {"delay_mean", "delay_worst", "blind_longest", "unseen", "expected_time"}
+FAULT_FIGURES = {"delay_mean", "delay_worst", "blind_longest", "unseen", "expected_time", "why"}
 
 
 def feasible(document: Document) -> list[Document]:

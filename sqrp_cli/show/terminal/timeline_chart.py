@@ -70,13 +70,12 @@ def print_explanation(found: Explanation) -> None:
         say(sentence)
     say(" ".join(filter(None, (found.verdict, sentences.what_to_move(found.to_move)))))
     rank = "cannot be done" if found.rank is None else f"rank {found.rank}"
-    figures = (
-        [rank if found.step is None else f"the whole, {found.whole}, is {rank}"]
-        if found.whole or not found.step
-        else []
-    )
+    figures = [rank] if found.step is None else []
     figures += [found.choice] if found.has_choice else []
-    say(joined(["\n", unbroken([*figures, *named_figures(found, "q_eoi", "q_avg", "time")]), "\n"]))
+    say(joined(["\n", unbroken([*figures, *named_figures(found, "q_eoi", "q_avg", "time")])]))
+    if found.step is not None and found.whole:
+        say(f"The whole, {found.whole}, {rank if found.rank is None else f'is {rank}'}.")
+    say()
     for row in _rows(found):
         say(row)
     seen = {one.cause for one in found.unseen_times}
