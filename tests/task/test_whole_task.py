@@ -80,7 +80,9 @@ def test_a_program_of_the_whole_has_its_steps_and_each_can_be_explained(
     second.show()
     said = " ".join(capsys.readouterr().out.split())
     assert said.startswith("Step 2 of 2, insert peg1 socket: if `dropped` happens (to over), you never know")
-    assert f" shoulder left (to over), critical time seen 100.0 %, time seen 100.0 %, time {second.time:.2f} s 0 " in said
+    assert (
+        f" shoulder left (to over), critical time seen 100.0 %, time seen 100.0 %, time {second.time:.2f} s 0 " in said
+    )
     with pytest.raises(InputError, match=r"^step is 3, but .* has 2 steps; expected 1 to 2"):
         program.explain(3)
 
