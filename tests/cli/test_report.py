@@ -117,8 +117,7 @@ def test_only_of_a_fault_that_is_retried_the_page_says_when_all_is_done(browser,
         assert sqrp("rank", own_watch, "watch green", "--report", path).code == 0
         opened = Opened(browser, path)
         assert opened.complaints == []
-        assert ("done after a retry" in opened.texts("#ranking th")) is told
-        assert ("done after a retry" in opened.texts("#faults th")) is told
+        assert ["done after a retry" in opened.texts(f"#{table} th") for table in ("ranking", "faults")] == [told, told]
         assert opened.texts("#faults td")[0] == "moved"
         opened.context.close()
 
