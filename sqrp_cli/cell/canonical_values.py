@@ -102,6 +102,11 @@ def with_skills(values: CanonicalValues, skills: Collection[str]) -> CanonicalVa
     return {subject: values[subject] for subject, (kind, _, name) in parts if kind != "skill" or name in skills}
 
 
+def without_words(values: CanonicalValues) -> CanonicalValues:
+    """The values without what skills say for people alone."""
+    return {about: {name: of[name] for name in of if not _WORDS.fullmatch(name)} for about, of in values.items()}
+
+
 def digest_of_values(values: CanonicalValues) -> str:
     """SHA-256 of values, whatever their order."""
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
@@ -109,7 +114,7 @@ def digest_of_values(values: CanonicalValues) -> str:
 
 def what_changed(before: CanonicalValues, now: CanonicalValues, skills: Collection[str]) -> tuple[str, ...]:
     """What differs, in a short sentence each, such as `cam1 moved 2.0 cm`; skills: those that matter."""
-    before, now = with_skills(before, skills), with_skills(now, skills)
+    before, now = (without_words(with_skills(values, skills)) for values in (before, now))
     found: list[str] = []
     for subject in dict.fromkeys((*before, *now)):
         old, new = before.get(subject), now.get(subject)
@@ -120,8 +125,7 @@ def what_changed(before: CanonicalValues, now: CanonicalValues, skills: Collecti
             found.append(f"{subject} is {'new' if old is None else 'gone'}")
         else:
             unit = "m" if "prismatic" in (old.get("type"), new.get("type")) else "rad"
-            names = (name for name in {**old, **new} if not _WORDS.fullmatch(name))
-            changes = (_change(subject, name, old.get(name), new.get(name), unit) for name in names)
+            changes = (_change(subject, name, old.get(name), new.get(name), unit) for name in {**old, **new})
             found += filter(None, changes)
     return tuple(found)
 

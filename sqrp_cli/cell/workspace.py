@@ -17,7 +17,7 @@ from sqrp_cli.camera.camera import Camera, CameraEntry
 from sqrp_cli.camera.detector import Detector, DetectorEntry
 from sqrp_cli.camera.light import MOST_LIGHTS, Light
 from sqrp_cli.camera.markers import Marker
-from sqrp_cli.cell.canonical_values import CanonicalValues, canonical_values, digest_of_values
+from sqrp_cli.cell.canonical_values import CanonicalValues, canonical_values, digest_of_values, without_words
 from sqrp_cli.cell.scene import ObjectEntry, SceneObject
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.files.entries import (
@@ -180,6 +180,11 @@ class Workspace:
         """SHA-256 of the bytes of all files, by which programs of earlier versions know a workspace."""
         parts = "".join(f"{role}\0{self.files[role].digest}\n" for role in sorted(self.files))
         return hashlib.sha256(parts.encode()).hexdigest()
+
+    @cached_property
+    def digests(self) -> frozenset[str]:
+        """All digests by which it is known: what its skills say for people alone may have been added since."""
+        return frozenset((self.digest, self.file_digest, digest_of_values(without_words(self.canonical_values))))
 
     @property
     def markers(self) -> Mapping[str, Marker]:

@@ -210,7 +210,7 @@ class Baseline(FileRecord):
         """
         found: dict[str, str] = {}
         known = self.workspaces
-        meant = {one: (one.workspace.digest, one.workspace.file_digest) for one in cells if one.workspace is not None}
+        meant = {one: one.workspace.digests for one in cells if one.workspace is not None}
         same = [(cell, name) for cell in meant for name, record in known.items() if record.digest in meant[cell]]
         named = [(cell, cell.name) for cell in cells if cell.name in known]
         for cell, name in [*sorted(same, key=lambda pair: pair[0].name != pair[1]), *named]:
@@ -238,12 +238,12 @@ def seen(computer: Computer, score: TaskScore, way: CandidateResult) -> Coverage
 def workspace_changes(
     digest: str, before: Mapping[str, str], known: Mapping[str, Mapping[str, LeafValue]], now: Workspace
 ) -> tuple[Change, ...]:
-    """The differences that may matter; none if `digest`, of what was understood before, is the same.
+    """The differences that may matter; none if it is known by `digest`, of what was understood before.
 
     before: the digest of each file by its role. known: fields of files by digest. Tasks and their thresholds are not
     compared.
     """
-    if digest == now.digest:
+    if digest in now.digests:
         return ()
     changes: list[Change] = []
     digests = {role: file.digest for role, file in now.files.items()}

@@ -30,7 +30,7 @@ def before() -> Workspace:
 
 def sentences(before: Workspace, now: Workspace) -> tuple[str, ...]:
     found = what_changed(before.canonical_values, now.canonical_values, now.skills)
-    assert bool(found) == (before.digest != now.digest)
+    assert bool(found) == before.digests.isdisjoint(now.digests)
     return found
 
 

@@ -411,7 +411,7 @@ class LoggedRun:
             why_flat = f"a log has no shapes; `{mend}` takes them from the workspace"
         elif workspace.name != header.workspace:
             why_flat = f"this program is for the workspace {workspace.name}, the run was in {header.workspace}"
-        elif header.digest not in (workspace.digest, workspace.file_digest):
+        elif header.digest not in workspace.digests:
             why_flat = "the workspace of this program is not as it was in the run"
         cell = RunCell(header.workspace, header.cameras, header.digest, None if why_flat else workspace, why_flat)
         inputs = [self.log, *([] if self.program is None else self.program.files)]
