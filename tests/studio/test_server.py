@@ -44,6 +44,7 @@ def test_ctrl_c_inside_a_callback_whose_exceptions_are_lost_closes_the_studio(ce
             Lost()
 
     monkeypatch.setattr(console, "note", lose)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where a shell runs tests in the background
     heed_signals()
     try:
         assert run(["studio", str(cell), "--no-browser", TASK]) == 0
