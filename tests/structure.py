@@ -40,7 +40,7 @@ ROOMS = {
     "run": ("run", 7_349),
     "field": ("field ros", 2_946),
     "score": ("score", 2_305),
-    "show": ("show", 5_018),
+    "show": ("show", 5_007),
     "ask": ("ask cli __init__ __main__", 5_296),
     "studio": ("studio", 1_761),
     "starter, platform": ("starter platform", 2_095),

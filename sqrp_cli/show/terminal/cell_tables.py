@@ -115,16 +115,17 @@ def print_rules(found: RulesDocument) -> None:
             say_line(f"  {line}")
 
 
+def _numbered(values: Iterable[float]) -> str:
+    """Numbers [m] to 1 mm."""
+    return " ".join(f"{value:z.3f}" for value in values)
+
+
+def _position(pose: Pose | None) -> str:
+    return "unknown" if pose is None else _numbered(row[3] for row in pose[:3])
+
+
 def print_scene(found: ShowDocument) -> None:
     """Robot, cameras, objects, skills and state."""
-
-    def position(pose: Pose | None) -> str:
-        return "unknown" if pose is None else numbered(row[3] for row in pose[:3])
-
-    def numbered(values: Iterable[float]) -> str:
-        """Numbers [m] to 1 mm."""
-        return " ".join(f"{value:z.3f}" for value in values)
-
     robot = found.robot
     arm = f"{Path(robot.urdf).name} with {len(robot.arm)} arm joints, tool frame {robot.tool_frame}"
     say(f"{found.workspace}: {arm}\n", "bold")
@@ -149,45 +150,10 @@ def print_scene(found: ShowDocument) -> None:
         markers = (f"{link} (id {m.id} of {m.dictionary}, {1000 * m.side:.0f} mm)" for link, m in robot.markers.items())
         say(f"markers  {', '.join(markers)}")
     say(f"\n{robot.contact}\n")
-    cameras = [
-        (
-            name, one.frame, position(one.pose), f"{one.width}x{one.height}",
-            f"{degrees(2 * atan(one.width / 2 / one.K[0][0])):.0f}", one.distortion_model if any(one.D) else "ideal",
-            f"{one.near:g}-{inf if one.far is None else one.far:g}", f"{one.rate:g}", f"{1000 * one.latency:.0f}",
-        )
-        for name, one in found.cameras.items()
-    ]  # fmt: skip
-    print_table(
-        [
-            *map(
-                Column,
-                (
-                    "camera",
-                    "frame",
-                    "at [m]",
-                    "pixels",
-                    "view\n[deg]",
-                    "lens",
-                    "range\n[m]",
-                    "rate\n[Hz]",
-                    "latency\n[ms]",
-                ),
-            )
-        ],
-        cameras,
-    )
-    ranges = next((one.ranges for one in found.detectors.values() if one.ranges), {})
-    if ranges:  # from where to where each camera reads each marker that faces it
-        reads = [(name, *(f"{near:.2f}-{far:.2f}" for near, far in own.values())) for name, own in ranges.items()]
-        say()
-        print_table([Column("reads [m]"), *numbers(*next(iter(ranges.values())))], reads)
-    for name, camera in found.cameras.items():
-        files = {"lens": camera.lens_file, "pose": camera.pose_file}
-        if known := [f"{what} from {file}" for what, file in files.items() if file is not None]:
-            say(f"{name}: {', '.join(known)}")
+    _print_cameras(found)
     say()
     objects = [
-        (name, " ".join(filter(None, (one.color, one.type, *one.attributes))), numbered(one.size), position(one.pose),
+        (name, " ".join(filter(None, (one.color, one.type, *one.attributes))), _numbered(one.size), _position(one.pose),
          "fixed" if one.fixed else "movable", "tool" if name == robot.held else one.on or "")
         for name, one in found.objects.items()
     ]  # fmt: skip
@@ -195,8 +161,8 @@ def print_scene(found: ShowDocument) -> None:
     if found.lights:
         lights = [
             (
-                name, f"{one.intensity:g}", "everywhere" if one.direction is None else numbered(one.direction),
-                numbered(one.position or ()), "" if one.beam is None else f"{degrees(one.beam):.0f}",
+                name, f"{one.intensity:g}", "everywhere" if one.direction is None else _numbered(one.direction),
+                _numbered(one.position or ()), "" if one.beam is None else f"{degrees(one.beam):.0f}",
             )
             for name, one in found.lights.items()
         ]  # fmt: skip
@@ -210,6 +176,29 @@ def print_scene(found: ShowDocument) -> None:
         states.insert(0, ", ".join(stated))
     say(f"state   {'; '.join(states) or 'nothing holds'}", indent=8)
     say(f"tasks   {', '.join(found.tasks) or 'none'}")
+
+
+def _print_cameras(found: ShowDocument) -> None:
+    """What each camera sees, from where it reads markers, and the files that say so."""
+    cameras = [
+        (
+            name, one.frame, _position(one.pose), f"{one.width}x{one.height}",
+            f"{degrees(2 * atan(one.width / 2 / one.K[0][0])):.0f}", one.distortion_model if any(one.D) else "ideal",
+            f"{one.near:g}-{inf if one.far is None else one.far:g}", f"{one.rate:g}", f"{1000 * one.latency:.0f}",
+        )
+        for name, one in found.cameras.items()
+    ]  # fmt: skip
+    titles = ("camera", "frame", "at [m]", "pixels", "view\n[deg]", "lens", "range\n[m]", "rate\n[Hz]", "latency\n[ms]")
+    print_table(list(map(Column, titles)), cameras)
+    ranges = next((one.ranges for one in found.detectors.values() if one.ranges), {})
+    if ranges:  # from where to where each camera reads each marker that faces it
+        reads = [(name, *(f"{near:.2f}-{far:.2f}" for near, far in own.values())) for name, own in ranges.items()]
+        say()
+        print_table([Column("reads [m]"), *numbers(*next(iter(ranges.values())))], reads)
+    for name, camera in found.cameras.items():
+        files = {"lens": camera.lens_file, "pose": camera.pose_file}
+        if known := [f"{what} from {file}" for what, file in files.items() if file is not None]:
+            say(f"{name}: {', '.join(known)}")
 
 
 def print_new_cell(made: NewCell) -> None:
