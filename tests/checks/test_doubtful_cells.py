@@ -125,16 +125,11 @@ def test_a_camera_in_the_way_of_the_arm_is_a_finding_and_rank_says_it_of_the_bes
     assert [message.startswith("camera `more` stands where `") for message in found] == [True] * hit
 
 
-def test_a_camera_that_shows_another_place_than_the_task_is_a_finding_of_check_and_rank(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = tabletop_with(tmp_path, "pose: {position: [-0.05, -0.9, 0.4], look_at: [-0.05, -0.55, 0.04]}")
+def test_a_camera_that_shows_another_place_than_the_task_is_a_finding_of_check(tmp_path: Path) -> None:
+    cell = open_cell(tabletop_with(tmp_path, "pose: {position: [-0.05, -0.9, 0.4], look_at: [-0.05, -0.55, 0.04]}"))
     told = {}
     for task in ("pickup g2 approach_yaw=0deg", "pickup r2 approach_yaw=0deg"):
-        found = [one.message for one in open_cell(folder).check(task).problems if one.code == "idle-camera"]
-        assert run(["rank", str(folder), task, "--ways", "first"]) == 0
-        assert all(message in capsys.readouterr().err for message in found)
-        told[task] = any("`more`" in message for message in found)
+        told[task] = any("`more`" in one.message for one in cell.check(task).problems if one.code == "idle-camera")
     assert list(told.values()) == [True, False]
 
 

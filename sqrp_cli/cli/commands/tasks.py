@@ -108,7 +108,7 @@ def _rank(
     json: bool = requests.JSON,
 ) -> ExitCode:
     from sqrp_cli.ask.api.session import Session, assess, check_choice
-    from sqrp_cli.checks.cell_warnings import cell_warnings, idle_cameras, swept_cameras
+    from sqrp_cli.checks.cell_warnings import cell_warnings, swept_cameras
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.platform.files import check_distinct, check_writable
     from sqrp_cli.search.suggestion import with_first_steps
@@ -126,7 +126,7 @@ def _rank(
     if not json and report is None and program is None and last_shown.get() is None:
         session = replace(session, job=replace(session.job, verdicts=False))
     cell, world = session.cell, session.job.world
-    print_problems(told := cell_warnings(cell))
+    print_problems(cell_warnings(cell))
     check_choice(session.task, choose)
     found: list[CandidateResult] = []
     interrupted = False
@@ -141,8 +141,6 @@ def _rank(
     ranking = session.ranking(found, ask, interrupted=interrupted)
     if ranking.best is not None:
         print_problems(swept_cameras(cell, world, (one.way for one in ranking.best.steps or (ranking.best,))))
-        ways = [[step.way for step in one.steps or (one,)] for one in found if one.feasible]
-        print_problems(idle_cameras(cell, world, ask.task, ways, (*opened.findings, *told)))
     # Written before the output, because its reader may leave early.
     code, message = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranking, choose, program)
     if report is not None and not interrupted:
