@@ -10,13 +10,11 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
 
 from tests.benchmarks.table import print_table
-from tests.cells import ROOT, shipped_cell, write_cell
+from tests.cells import ROOT, edit, read_cell, write_cell
 
 TABLETOP = ["workspaces/tabletop", "pickup green"]
 COMMANDS = {
@@ -34,7 +32,7 @@ COMMANDS = {
     "rank so101": ["rank", "so_arm_description/urdf/so101.urdf", "pickup green"],
     "rank tiago_dual": ["rank", "tiago_description/robots/tiago_dual.urdf", "pickup green"],
 }
-"""Each in one process; of a URDF, in the starter cell that `init` makes of it."""
+"""Each in one process; of a URDF, in the starter cell that the version's own `init` makes of it."""
 
 OBJECTS, YAWS, CAMERAS = 200, 8, 24
 """Of a crowd."""
@@ -46,10 +44,9 @@ def compare(commit: str | None, runs: int, wanted: str) -> None:
     with tempfile.TemporaryDirectory() as folder, _checkouts(commit, Path(folder)) as trees:
         rows = []
         for name in names:
-            command = [_cell(Path(folder), word) for word in COMMANDS[name]]
-            if name != "check tower" and not name.startswith(("explain", "place")):
-                command += ["--jobs", "1"]
-            spent = [[_run(tree, command) for tree in trees] for _ in range(runs + 1)][1:]  # the first makes byte code
+            jobs = [] if name == "check tower" or name.startswith(("explain", "place")) else ["--jobs", "1"]
+            asked = [(tree, [*(_cell(tree, Path(folder), word) for word in COMMANDS[name]), *jobs]) for tree in trees]
+            spent = [[_run(*one) for one in asked] for _ in range(runs + 1)][1:]  # the first makes byte code
             least = [min(run[k][0] for run in spent) for k in range(len(trees))]
             memory = max(run[0][1] for run in spent)
             ratio = [f"{least[0] / least[1]:.2f}"] if commit else []
@@ -90,29 +87,24 @@ def _run(tree: Path, command: list[str]) -> tuple[float, int]:
     return used.ru_utime + used.ru_stime, used.ru_maxrss
 
 
-def _cell(folder: Path, word: str) -> str:
-    """A word of a command; a cell that it names is made first."""
-    if word.startswith("CROWD"):
-        cell = folder / word
-        return str(cell if cell.exists() else _crowd(cell, int(word[5:]) // YAWS))
-    if not word.endswith(".urdf"):
+def _cell(tree: Path, folder: Path, word: str) -> str:
+    """A word of a command of a checkout; a cell that it names is made first."""
+    if not word.startswith("CROWD") and not word.endswith(".urdf"):
         return word
-    cell = folder / Path(word).stem
-    if not cell.exists():
-        urdf = f"package://example-robot-data/robots/{word}"
-        command = [sys.executable, "-m", "sqrp_cli", "init", str(cell), "--no-run", "--urdf", urdf]
-        subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    cell = folder / f"{Path(word).stem} of {tree.name}"
+    if not cell.exists() and word.startswith("CROWD"):
+        _crowd(tree, cell, int(word[5:]) // YAWS)
+    elif not cell.exists():
+        _run(tree, ["init", str(cell), "--no-run", "--urdf", f"package://example-robot-data/robots/{word}"])
     return str(cell)
 
 
-def _crowd(folder: Path, green: int) -> Path:
-    """Tabletop with 200 small cubes, as many of them green, 24 cameras and 8 approach yaws."""
-    cell: dict[str, Any] = shipped_cell("tabletop")
-    shutil.copytree(ROOT / "skills", folder / "skills")
-    skill = folder / "skills" / "pickup" / "skill.yaml"
-    settings = yaml.safe_load(skill.read_text(encoding="utf-8"))
-    settings["motion"]["approach_yaw"] = {"values": [f"{360 * i / YAWS:g} deg" for i in range(YAWS)]}
-    skill.write_text(yaml.safe_dump(settings, sort_keys=False), encoding="utf-8")
+def _crowd(tree: Path, folder: Path, green: int) -> None:
+    """Tabletop of a checkout with 200 small cubes, as many of them green, 24 cameras and 8 approach yaws."""
+    cell = read_cell(tree / "workspaces" / "tabletop")
+    shutil.copytree(tree / "skills", folder / "skills")
+    yaws = ", ".join(f"{360 * i / YAWS:g} deg" for i in range(YAWS))
+    edit(folder / "skills" / "pickup" / "skill.yaml", "approach_yaw: any ", f"approach_yaw: {{values: [{yaws}]}} ")
     cell["skills"] = ["skills/pickup"]
     cell["objects"] = {"table": cell["objects"]["table"]}
     for number in range(OBJECTS):
@@ -131,4 +123,3 @@ def _crowd(folder: Path, green: int) -> Path:
     cell["state"] = ["hand_empty", *(f"obj_on_table(g{number})" for number in range(OBJECTS))]
     cell.pop("tasks", None)
     write_cell(cell, folder)
-    return folder
