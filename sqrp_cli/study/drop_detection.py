@@ -263,29 +263,33 @@ def _shown(
     by_color = left[0].limits.kind == "color"
     every = dict.fromkeys([*reached, *(box for some in own.values() for box in some)])
     places = [box for box in every if by_color and box.frame in stage.resting]
+    # The part falls from where the tool has it at each instant.
     t = np.linspace(interval.start, interval.end, max(_STARTS, int(np.ceil(interval.length / _STEP)) + 1))
     step = t[1] - t[0]
     times = np.append(t, np.arange(interval.end + step, interval.end + LONGEST + step, step))
     states = stage.states(stage.samples_at(times))
     free = _falling(stage, observer, name, np.broadcast_to(states.X_WF[name], (len(times), 4, 4)), times, len(t))
     drops = _Drops(name, t, times, states, free)
+    # Which cameras judge it: soon, or at any later time where none does; and for how long they must go on showing it.
     judges, seen = _judges(stage, observer, drops, [*left, *reached], places)
     some = np.any(list(judges.values()), axis=0)
-    unjudged = ~some.any(axis=0) & of_one_cell  # of which no camera says so at once
-    periods = np.array([1.0 / camera.rate for camera in observer.cameras])
+    unjudged = ~some.any(axis=0) & of_one_cell
     if unjudged.any():
         some[:, unjudged] = _judge_later(stage, observer, drops, [*left, *reached])[:, None]
+    periods = np.array([1.0 / camera.rate for camera in observer.cameras])
     if of_one_cell:
         periods = np.full(len(periods), periods[some.any(axis=1)].max(initial=0.0))
     (surely, parted, unheld, usually, *there), along = _first_shown(
         stage, observer, drops, some, periods, left[0], seen, reached
     )
+    # From when on each shows that the part is not in the tool, and most of them together.
     causes = np.where(along, "line_of_sight", "hardly_apart")
     causes = np.where(parted - t < 0.5 * np.minimum(surely - t, LONGEST), "no_place", causes)
     x, judge = t, np.any([judges[box] for box in left], axis=0)
     judging = np.where(judge, surely, -np.inf)
     unheld, usually = np.where(judge, unheld, -np.inf), np.where(judge, usually, np.inf)
     together = majority_time(unheld, usually, needed[left[0]])
+    # And that it is where the fault leaves it: the fault becomes true no earlier than it gets there.
     for (box, X_WB), shown in zip(reached.items(), there, strict=True):
         half, judge = 0.5 * np.array(box.size), judges[box]
         x = np.maximum(x, t + _first((half[:, None, None] - np.abs(_in_box(X_WB, free))).min(axis=0)))
