@@ -143,10 +143,11 @@ def rpy_to_matrix(rpy: ArrayLike) -> Array:
 def matrix_to_rpy(rotation: Array) -> tuple[float, float, float]:
     """Roll, pitch, yaw [rad] of a rotation matrix, as `rpy_to_matrix` takes them; yaw is 0 where pitch is 90 deg."""
     pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
-    if np.hypot(rotation[0, 0], rotation[1, 0]) < 1e-9:
+    if np.hypot(rotation[0, 0], rotation[1, 0]) < 1e-12:
         return float(np.copysign(1.0, pitch) * np.arctan2(rotation[0, 1], rotation[1, 1])), float(pitch), 0.0
     roll = np.arctan2(rotation[2, 1], rotation[2, 2])
-    return float(roll), float(pitch), float(np.arctan2(rotation[1, 0], rotation[0, 0]))
+    second = rotation[:2, 1:] @ [np.cos(roll), -np.sin(roll)]  # exact beside that pitch, too, where the roll is not
+    return float(roll), float(pitch), float(np.arctan2(-second[0], second[1]))
 
 
 def displacement(position: Array, rotation: Array) -> Array:

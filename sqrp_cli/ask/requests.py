@@ -434,6 +434,7 @@ class InitRequest(Request):
     urdf: AnyPath = option(
         "--urdf FILE", "Your arm, URDF or xacro; without it, one of the program's own.", values.urdf, default=None
     )
+    mjcf: AnyPath = option("--mjcf FILE", "Your arm as MuJoCo has it.", values.urdf, default=None)
     gripper: str | None = option(
         "--gripper NAME|FILE",
         "Such as robotiq_2f_85, or its URDF; without it, the hand in the arm's URDF or a suction cup.",

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
 
-from sqrp_cli.cell.mesh import read_mesh
+from sqrp_cli.cell.mesh import is_empty, read_mesh
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, no_such
 from sqrp_cli.files import packages, units
 from sqrp_cli.files.entries import XacroEntry
@@ -24,9 +24,10 @@ from sqrp_cli.robot.kinematics import driving_joints
 from sqrp_cli.robot.moveit import MoveitLimits, SrdfModel, read_moveit_limits, read_srdf, with_position_limits
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.robot.robot_xml import RobotSource
-from sqrp_cli.robot.urdf import TOOL_TIP, UrdfJoint, UrdfModel, tool_of_boxes, with_tip
+from sqrp_cli.robot.urdf import TOOL_TIP, LinkGeometry, UrdfJoint, UrdfModel, tool_of_boxes, with_tip
 from sqrp_cli.shapes import Mesh, Part
 
+MOST_OF_NOTHING = 10_000  # most bytes of a mesh file without triangles
 MAX_ARM_JOINTS = 20  # most joints that move the tool frame; each makes inverse kinematics and motion slower
 
 
@@ -51,7 +52,8 @@ class RobotReader:
         for index, root in enumerate(stated):
             if not root.is_dir():
                 self.report("missing-folder", ("robot", "package_roots", index), f"there is no folder {root}")
-        self.urdf = self._read_urdf(entry.urdf, ("robot", "urdf"))
+        named, key = (entry.urdf, "urdf") if entry.urdf is not None else (entry.mjcf or "", "mjcf")
+        self.urdf = self._read_urdf(named, ("robot", key))
         self.moveit: MoveitLimits | None = None
         if entry.limits.moveit is not None:
             file = self.resolve(entry.limits.moveit, ("robot", "limits", "moveit"))
@@ -116,7 +118,7 @@ class RobotReader:
             raise bad_input("unreadable-file", f"{mesh.path}: {error.strerror}", place) from error
 
     def _read_urdf(self, entry: XacroEntry | str, path: KeyPath, prefix: str = "") -> UrdfModel:
-        urdf = read_urdf(*self.described(entry, path)).prefixed(prefix)
+        urdf = self._without_empty(read_urdf(*self.described(entry, path)).prefixed(prefix))
         self.warnings += urdf.warnings
         self.digest[dotted(path)] = source_file(urdf.path, urdf.content)
         parts = urdf.parts(self.entry.geometry, partial(packages.resolve_mesh, self.roots))
@@ -126,6 +128,30 @@ class RobotReader:
             if isinstance(part.shape, Mesh):
                 self.add_mesh(f"{dotted(path)}.{part.name}", part.shape, piece.place)
         return urdf
+
+    def _without_empty(self, urdf: UrdfModel) -> UrdfModel:
+        """A description without the meshes that have no triangles, with a warning about them."""
+        empty: dict[str, Place] = {}
+        for piece in (piece for link in urdf.links.values() for piece in (*link.collision, *link.visual)):
+            if isinstance(piece.shape, tuple) and piece.shape[0] not in empty:
+                with suppress(InputError):  # one that is not found is reported where it is used
+                    file = packages.resolve_mesh(self.roots, piece.shape[0], urdf.path)
+                    if file.stat().st_size <= MOST_OF_NOTHING and is_empty(file):
+                        empty[piece.shape[0]] = piece.place
+        if not empty:
+            return urdf
+
+        def solid(pieces: tuple[LinkGeometry, ...]) -> tuple[LinkGeometry, ...]:
+            return tuple(one for one in pieces if not (isinstance(one.shape, tuple) and one.shape[0] in empty))
+
+        message = "a mesh without triangles is left out: " + ", ".join(f"`{name}`" for name in empty)
+        place, mend = next(iter(empty.values())), "export it again, or remove it"
+        self.warnings.append(Problem("no-size", message, place, severity="warning", mend=mend))
+        links = {
+            name: replace(link, collision=solid(link.collision), visual=solid(link.visual))
+            for name, link in urdf.links.items()
+        }
+        return replace(urdf, links=links)
 
     def read_robot(self) -> robot.Robot:
         """The robot; meaningful only if `problems` is empty afterwards."""

@@ -129,8 +129,21 @@ def from_folder(folder: Path, name: str | Path) -> Path:
 def resolve_mesh(roots: Sequence[Path], reference: str, urdf: Path) -> Path:
     """The mesh file that a URDF names, in folders such as `Robot.package_roots` or in the URDF's own package.
 
-    Raises as `resolve`.
+    `model://NAME/PATH` of Gazebo is looked up in the folders around the URDF and in GAZEBO_MODEL_PATH, then as
+    `package://`. Raises as `resolve`.
     """
+    if reference.startswith("model://"):
+        stated = (os.environ.get(name, "") for name in ("GAZEBO_MODEL_PATH", "GZ_SIM_RESOURCE_PATH"))
+        folders = [*urdf.parents[:4], *(Path(entry) for text in stated for entry in text.split(os.pathsep) if entry)]
+        for there in (folder / unquote(reference.removeprefix("model://")) for folder in folders):
+            if there.is_file():
+                return there
+        try:
+            return resolve(reference.replace("model", "package", 1), urdf.parent, roots, Place(urdf))
+        except InputError as error:
+            message = f"`{reference}` is neither around the URDF, nor in GAZEBO_MODEL_PATH, nor a package"
+            mend = "add the folder in which the model's folder is to GAZEBO_MODEL_PATH or `robot.package_roots`"
+            raise bad_input("missing-package", message, Place(urdf), mend=mend) from error
     own = package_around(urdf) if reference.startswith("package://") else None
     return resolve(reference, urdf.parent, (*([own] if own else ()), *roots), Place(urdf))
 

@@ -19,9 +19,9 @@ from sqrp_cli.errors import Place, Problem, bad_input, expected_names
 from sqrp_cli.files.frames import WORLD, WORLD_LINK
 from sqrp_cli.files.units import LARGEST_LENGTH, NO_LIMIT, SMALLEST_LIMIT, SMALLEST_SIZE
 from sqrp_cli.files.xml_file import Element
-from sqrp_cli.geometry import Array, pose, read_only, rpy_to_matrix
+from sqrp_cli.geometry import Array, displacement, pose, read_only, rpy_to_matrix
 from sqrp_cli.robot import urdf
-from sqrp_cli.robot.robot_xml import RobotSource, read_robot_xml
+from sqrp_cli.robot.robot_xml import RobotSource, read_mjcf_or_urdf
 from sqrp_cli.shapes import FIGURES, shape_of
 
 MAX_LINKS, MAX_JOINTS, MAX_SHAPES = 2000, 200, 500
@@ -54,7 +54,7 @@ def read_urdf(path: Path, source: RobotSource | None = None) -> urdf.UrdfModel:
     that is not supported (floating, planar), a mass or moment of inertia below 0, too many links, joints or shapes, and
     links that do not form one tree.
     """
-    xml = read_robot_xml(path, source)
+    xml = read_mjcf_or_urdf(path, source)
     robot = xml.robot
     moving = sum(joint.attributes.get("type", "").strip() != "fixed" for joint in robot.all("joint"))
     if (count := len([*robot.all("link")])) > MAX_LINKS or moving > MAX_JOINTS:
@@ -89,7 +89,7 @@ def read_urdf(path: Path, source: RobotSource | None = None) -> urdf.UrdfModel:
         ordered[joint.name] = joint
         waiting += children.get(joint.child, [])
     model = urdf.UrdfModel(robot.attributes.get("name", path.stem), path, links, ordered, root)
-    warnings = (*xml.warnings, *_doubts(model, pieces))
+    warnings = (*xml.warnings, *_let_go(model, ordered), *_doubts(model, pieces))
     most = 2 * math.pi * MOST_TURNS
     for name, joint in ordered.items():
         if joint.type == "revolute":
@@ -100,7 +100,8 @@ def read_urdf(path: Path, source: RobotSource | None = None) -> urdf.UrdfModel:
         for name, joint in ordered.items():
             ordered[name] = replace(joint, parent=called[joint.parent], child=called[joint.child])
         model = replace(model, links=links, root=called[root])
-    return replace(model, content=xml.content, expanded=xml.expanded, packages=xml.packages, warnings=warnings)
+    model = replace(model, content=xml.content, expanded=xml.expanded, packages=xml.packages, warnings=warnings)
+    return replace(model, is_mjcf=xml.is_mjcf)
 
 
 def _link(element: Element) -> urdf.UrdfLink:
@@ -216,21 +217,15 @@ def _origin(element: Element) -> Array:
 def _root(links: Mapping[str, urdf.UrdfLink], joints: Mapping[str, urdf.UrdfJoint], place: Place) -> str:
     """The one link that no joint carries; checks that every link is reached from it exactly once.
 
-    Raises InputError also for joints between unknown links, or that follow no joint that moves by itself.
+    Raises InputError also for joints between unknown links, or that follow a joint that follows another one.
     """
     for joint in joints.values():
         for role, link in (("parent", joint.parent), ("child", joint.child)):
             if link not in links:
                 message = f"joint `{joint.name}` has the unknown {role} link `{link}`; {expected_names(link, links)}"
                 raise bad_input("unknown-link", message, joint.place)
-        if joint.mimic is None:
-            continue
-        movable = {name: other for name, other in joints.items() if other.movable and name != joint.name}
-        if (leader := movable.get(joint.mimic.joint)) is None:
-            expected = expected_names(joint.mimic.joint, movable)
-            message = f"joint `{joint.name}` follows `{joint.mimic.joint}`, which is no other movable joint; {expected}"
-            raise bad_input("unknown-joint", message, joint.place)
-        if leader.mimic is not None:
+        leader = None if joint.mimic is None else joints.get(joint.mimic.joint)
+        if leader is not None and joint.mimic is not None and leader.mimic is not None and leader is not joint:
             message = f"joint `{joint.name}` follows `{leader.name}`, which follows `{leader.mimic.joint}` itself"
             raise bad_input("wrong-mimic", message, joint.place, mend=f"let it follow `{leader.mimic.joint}`")
     carriers: dict[str, urdf.UrdfJoint] = {}
@@ -260,6 +255,32 @@ def _root(links: Mapping[str, urdf.UrdfLink], joints: Mapping[str, urdf.UrdfJoin
     if not roots:
         raise bad_input("cycle", "no link is a root", place)
     return roots[0]
+
+
+def _let_go(model: urdf.UrdfModel, joints: dict[str, urdf.UrdfJoint]) -> Iterator[Problem]:
+    """Change the joints that follow no joint that moves, such as fingers of a hand in parts; a warning for each.
+
+    One that follows a fixed joint stands still at its offset, any other one moves by itself. Raises InputError for one
+    that carries joints which move by themselves: it is of an arm.
+    """
+    for joint in [*joints.values()]:
+        leader = None if joint.mimic is None else joints.get(joint.mimic.joint)
+        if joint.mimic is None or (leader is not None and leader.movable and leader is not joint):
+            continue
+        message, beyond = f"joint `{joint.name}` follows `{joint.mimic.joint}`", model.beyond(joint.child)
+        if any(other.movable and other.mimic is None and other.parent in beyond for other in joints.values()):
+            movable = [name for name, other in joints.items() if other.movable and name != joint.name]
+            message += f", which is no other movable joint; {expected_names(joint.mimic.joint, movable)}"
+            raise bad_input("unknown-joint", message, joint.place)
+        joints[joint.name] = replace(joint, mimic=None)
+        found = "is no other joint of this file: it moves by itself"
+        if leader is not None and leader is not joint:
+            turn = displacement(np.zeros(3), joint.axis * joint.mimic.offset)
+            moved = pose(position=joint.axis * joint.mimic.offset) if joint.type == "prismatic" else turn
+            joints[joint.name] = replace(joint, mimic=None, type="fixed", X_PJ=read_only(joint.X_PJ @ moved))
+            found = "is fixed: it stands still"
+        yield Problem("unknown-joint", f"{message}, which {found}", joint.place, severity="warning",
+                      mend="name the joint that it follows, or leave <mimic> out")  # fmt: skip
 
 
 def _doubts(model: urdf.UrdfModel, pieces: Sequence[tuple[Element, Element]]) -> Iterator[Problem]:

@@ -214,7 +214,9 @@ class LimitsEntry(Entry):
 class RobotEntry(Entry):
     """The robot, its tool and where it stands."""
 
-    urdf: DescriptionEntry = Field(description="The robot's URDF or xacro; relative to this file, or package://.")
+    urdf: DescriptionEntry | None = None
+    """The robot's URDF or xacro; relative to this file, or package://."""
+    mjcf: Text | None = Field(default=None, description="Its MJCF, a file of MuJoCo, instead of a URDF.")
     srdf: DescriptionEntry | None = None
     """Its SRDF, also as xacro: named states and collision pairs that need no check."""
     package_roots: list[Text] = Field(default=[], description="Folders in which package://NAME/ is looked up first.")
@@ -233,7 +235,14 @@ class RobotEntry(Entry):
     geometry: Geometry = Field(default="collision", description="Which geometry of the links is solid and opaque.")
 
     @model_validator(mode="after")
-    def _one_tool_frame(self) -> RobotEntry:
+    def _one_file_and_tool_frame(self) -> RobotEntry:
+        if (self.urdf is None) == (self.mjcf is None):
+            found = "found neither" if self.urdf is None else "found both; keep one"
+            raise PydanticCustomError(
+                "missing-key" if self.urdf is None else "ambiguous-entry",
+                "expected `urdf` or `mjcf`, {found}",
+                {"found": found},
+            )
         own = self.tool is not None and self.tool.frame is not None
         if own and self.tool_frame is not None:
             raise PydanticCustomError(

@@ -18,6 +18,7 @@ from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_name
 from sqrp_cli.files.input_file import read_input
 from sqrp_cli.files.xml_file import MAX_BYTES, MAX_DEPTH, Element, parse_xml
 from sqrp_cli.records import dataclass
+from sqrp_cli.robot.mjcf import MJCF_ROOT, mjcf_as_urdf
 
 MAX_SECONDS = 20  # most computing time of an expansion [s]
 MAX_MEMORY = 1_500_000_000  # most memory of an expansion [bytes]
@@ -44,6 +45,7 @@ class RobotXml:
     content: bytes  # what its digest is of: the file, or what its xacro stands for
     packages: tuple[str, ...] = ()  # the packages that its xacro names
     warnings: tuple[Problem, ...] = ()  # those that the file itself gives
+    is_mjcf: bool = False  # whether it is one that stands for a URDF
 
 
 _OLD_TAGS = frozenset({"include", "macro", "property", "insert_block"})
@@ -67,6 +69,22 @@ def read_robot_xml(path: Path, source: RobotSource | None = None) -> RobotXml:
         mend = "leave the arguments out, or name the .xacro file"
         raise bad_input("xacro-argument", message, root.place, mend=mend)
     return RobotXml(root, None, content)
+
+
+def read_mjcf_or_urdf(path: Path, source: RobotSource | None = None) -> RobotXml:
+    """As `read_robot_xml`, also of an MJCF: the URDF that it stands for."""
+    if b"<mujoco" not in (content := read_input(path, MAX_BYTES)):
+        return read_robot_xml(path, source)
+    if (root := parse_xml(path, content, None)).tag != MJCF_ROOT:
+        return read_robot_xml(path, source)
+    if source and source.arguments:
+        message, mend = "an MJCF takes no arguments", "leave them out"
+        raise bad_input("xacro-argument", message, root.place, mend=mend)
+    told, warnings = mjcf_as_urdf(path, root)
+    lines = list[str]()
+    robot = _element(told, 0, lines)
+    text = "\n".join(lines) + "\n"
+    return RobotXml(robot, text, text.encode(), warnings=warnings, is_mjcf=True)
 
 
 def _expanded(path: Path, source: RobotSource) -> RobotXml:

@@ -113,6 +113,7 @@ class UrdfModel:
     content: bytes = b""  # what it was read from: the file, or what its xacro stands for
     expanded: str | None = None  # the URDF as text if the file is a xacro; None for a plain one
     packages: tuple[str, ...] = ()  # the packages that the xacro names
+    is_mjcf: bool = False  # whether the file is an MJCF
     prefix: str = ""  # before the names of all links, joints and pieces, but not in the content
 
     def prefixed(self, prefix: str) -> UrdfModel:

@@ -47,7 +47,7 @@ _SECTION = re.compile(r":(requirements|types|constants|predicates|functions|acti
 _FOR_ALL_JOINTS = re.compile(r"robot\.limits\.\w+")
 """A limit; its unit says whether it is for turning or sliding joints; without a unit it is for all."""
 
-_FILE_KEYS = frozenset({"urdf", "srdf", "mesh", "calibration", "hand_eye"})
+_FILE_KEYS = frozenset({"urdf", "mjcf", "srdf", "mesh", "calibration", "hand_eye"})
 """Keys of a workspace file that name other files; the content of those counts, not their place."""
 
 _SAMPLING = re.compile(
@@ -269,7 +269,7 @@ def fields_of(workspace: Workspace, role: str) -> dict[str, LeafValue]:
         match path.suffix.lower():
             case ".yaml" | ".yml":
                 return dict(read_yaml(path, frozenset({"!!opencv-matrix"})).leaves)
-            case _ if role == "robot.urdf" and (expanded := workspace.robot.urdf.expanded) is not None:
+            case _ if role in ("robot.urdf", "robot.mjcf") and (expanded := workspace.robot.urdf.expanded) is not None:
                 return dict(_attributes(parse_xml(path, expanded.encode(), "robot"), ""))
             case ".urdf" | ".srdf":
                 return dict(_attributes(read_xml(path, "robot"), ""))

@@ -39,7 +39,7 @@ class Layout:
     """
 
     folder: Path
-    urdf: str
+    urdf: str  # its key and value, `urdf` or `mjcf`
     srdf: str | None
     package_roots: tuple[str, ...]
     guessed: bool  # whether the robot is the user's own, so that guesses are marked
@@ -74,7 +74,7 @@ _ROBOT = """\
 {marked}# Every key: sqrp schema
 
 robot:
-  urdf: {urdf}
+  {urdf}
 {files}  base: {{position: [0, 0, {lift}], rpy: [0, 0, 0 deg]}}  # check: pose of the root link in the world; the \
 table's top is z = 0
 {tool}{fingers}  home:{home}

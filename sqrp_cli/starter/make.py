@@ -117,7 +117,7 @@ def _filled(
     arm = guess_arm(description.urdf, tip or description.tip)
     layout = Layout(
         folder=draft,
-        urdf=description.urdf_text,
+        urdf=f"{'mjcf' if description.urdf.is_mjcf else 'urdf'}: {description.urdf_text}",
         srdf=description.srdf_text,
         package_roots=description.package_roots,
         guessed=guessed,
@@ -273,8 +273,10 @@ def _load(layout: Layout) -> Cell:
 def _limits_text(description: Description) -> str:
     """The value of `robot.limits`: MoveIt's file where there is one, and what it leaves open."""
     if description.limits is None or description.limits_file is None:
-        assumed = ", ".join(f"{kind}: {value}" for kind, value in ASSUMED.items())
-        return f"{{{assumed}}}  # rad/s^2 and rad/s^3, which a URDF cannot say; velocity is the URDF's"
+        mjcf = description.urdf.is_mjcf
+        assumed = "velocity: 1, " * mjcf + ", ".join(f"{kind}: {value}" for kind, value in ASSUMED.items())
+        unsaid = "which an MJCF cannot say" if mjcf else "which a URDF cannot say; velocity is the URDF's"
+        return f"{{{assumed}}}  # {'check: rad/s, ' if mjcf else ''}rad/s^2 and rad/s^3, {unsaid}"
     joints = [joint.name for joint in description.urdf.movable_joints]
     entries = [f"moveit: {json.dumps(description.limits_file, ensure_ascii=False)}"]
     guessed = []

@@ -105,8 +105,9 @@ def uses(file: str) -> Iterator[FieldUse]:
 WAITING = {
     ("CameraPose", "quaternion"), ("CameraPose", "rpy"),  # the same fields as any other pose's
     ("ToolEntry", "boxes"), ("ToolEntry", "frame"), ("ToolBoxEntry", "size"), ("ToolBoxEntry", "pose"),
+    ("RobotEntry", "mjcf"),
 }  # fmt: skip
-"""Fields that the files do not state: a workspace has one tool, of a URDF or of boxes."""
+"""Fields that the files do not state: a workspace has one robot and one tool, of a URDF or not."""
 
 USES = [use for file in FILES for use in uses(file)]
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from types import FrameType, ModuleType
 from typing import NoReturn
 
-from sqrp_cli.run.cell.requirements import check_simulator
+from sqrp_cli.platform.simulator import check_simulator
 
 LONGEST, MOST = 10.0, 1000.0
 """Processor time [s] and memory [MB] that a command may take."""

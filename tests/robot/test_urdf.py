@@ -165,8 +165,24 @@ def test_limits_of_endless_turns_are_those_of_a_hundred(tmp_path):
     assert (turn.lower, turn.upper) == (pytest.approx(-100 * 2 * math.pi), 3.0)
 
 
+@pytest.mark.parametrize(("leader", "kind", "y", "said"), [
+    ("trun", "prismatic", 0.0, "moves by itself"), ("follow", "prismatic", 0.0, "moves by itself"),
+    ("end", "fixed", 0.25, "stands still"),
+])  # fmt: skip
+def test_a_finger_that_follows_nothing_that_moves_does_not_refuse_the_arm(tmp_path, leader, kind, y, said):
+    finger = (
+        '<link name="finger"/><joint name="follow" type="prismatic"><parent link="hand"/><child link="finger"/>'
+        f'<axis xyz="0 2 0"/><limit lower="0" upper="1"/><mimic joint="{leader}" offset="0.25"/></joint></robot>'
+    )
+    model = read_urdf(written(tmp_path, ARM.replace("</robot>", finger)))
+    (warning,) = (one for one in model.warnings if one.code == "unknown-joint")
+    joint = model.joints["follow"]
+    assert (joint.type, joint.mimic, joint.X_PJ[1, 3]) == (kind, None, y)
+    assert said in warning.message
+
+
 def test_every_robot_of_example_robot_data_is_read_with_parts_of_different_names():
-    """Those that cannot be are refused for what they are: one mimics an unknown joint, one is a macro without links."""
+    """One cannot be: a macro without links. Another one has fingers that follow unknown joints, and still a hand."""
     folder = next(root for root in package_roots() if (root / "example-robot-data").is_dir())
     files = sorted((folder / "example-robot-data" / "robots").rglob("*.urdf"))
     refused = {}
@@ -178,7 +194,9 @@ def test_every_robot_of_example_robot_data_is_read_with_parts_of_different_names
         else:
             assert len(names) == len(set(names))
     assert len(files) > 60
-    assert refused == {"alex_psyonic_hands.urdf": ("unknown-joint", True), "ur3.urdf": ("no-links", True)}
+    assert refused == {"ur3.urdf": ("no-links", True)}
+    psyonic = read_urdf(next(file for file in files if file.name == "alex_psyonic_hands.urdf"))
+    assert "unknown-joint" in {warning.code for warning in psyonic.warnings}
 
 
 LIMITS = (FILES / "joint_limits.yaml").read_text()

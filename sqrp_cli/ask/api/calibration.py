@@ -22,7 +22,7 @@ def learned(ask: CalibrateRequest) -> CalibrateDocument:
     `labels.csv`; or in a recording that `audit` reads. Raises InputError for frames that cannot be used, or from which
     nothing can be learned.
     """
-    from sqrp_cli.run.cell.requirements import check_packages
+    from sqrp_cli.platform.simulator import check_packages
 
     check_packages()
     from sqrp_cli.cell.edits import with_curve

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 def made(ask: InitRequest) -> NewCell:
     """A new workspace with its skill, ready to rank, in a folder that does not exist or is empty.
 
-    The arm is that of `urdf`, else that of which the configuration in `moveit` was made, else one that comes with the
-    package. Raises InputError for an arm that cannot be used; nothing is ever overwritten.
+    The arm is that of `urdf` or `mjcf`, else that of which the configuration in `moveit` was made, else one of the
+    package's own. Raises InputError for an arm that cannot be used; nothing is ever overwritten.
     """
     from sqrp_cli.show.documents.programs import NewCell
     from sqrp_cli.show.documents.schemas import schema_of
@@ -32,9 +32,10 @@ def made(ask: InitRequest) -> NewCell:
     from sqrp_cli.starter.make import make_starter
     from sqrp_cli.starter.search import MOST_STANDS
 
-    folder, is_own = Path(ask.folder), any(one is not None for one in (ask.robot, ask.urdf, ask.moveit))
+    folder, is_own = Path(ask.folder), any(one is not None for one in (ask.robot, ask.urdf, ask.mjcf, ask.moveit))
     roots = tuple(map(Path, ask.package_roots))
-    urdf, given = (None if ask.urdf is None else str(ask.urdf)), dict(ask.arguments or {})
+    stated, given = ask.urdf if ask.mjcf is None else ask.mjcf, dict(ask.arguments or {})
+    urdf = None if stated is None else str(stated)
     if ask.robot is not None:
         urdf, usual = find_named(ask.robot, "robot")
         given = {**usual, **given}
@@ -70,7 +71,7 @@ def first_run(folder: Path, task: str, progress: Progress = silent) -> FirstRun 
 
     None where there is no simulator, or no candidate is feasible.
     """
-    from sqrp_cli.run.cell.requirements import check_simulator
+    from sqrp_cli.platform.simulator import check_simulator
     from sqrp_cli.show.documents.programs import FirstRun
 
     try:

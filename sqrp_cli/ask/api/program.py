@@ -81,7 +81,7 @@ def audited(opened: OpenProgram, ask: AuditRequest) -> AuditDocument:
 
     Cameras that have moved, or whose clocks are wrong, are found first; images are compared at the times that follow.
     """
-    from sqrp_cli.run.cell.requirements import check_packages
+    from sqrp_cli.platform.simulator import check_packages
 
     check_packages()
     from sqrp_cli.field.audit.frame_audit import audit
@@ -347,7 +347,7 @@ class OpenProgram:
         return FolderFootage(self.program, self.workspace, path)
 
     def _simulation(self) -> Simulation:
-        from sqrp_cli.run.cell.requirements import check_simulator
+        from sqrp_cli.platform.simulator import check_simulator
 
         check_simulator()
         from sqrp_cli.run.start import Simulation

@@ -56,7 +56,7 @@ def serve(
 
     ready: called once it can be reached. tell: says what happens. factor: how fast its time passes at most.
     """
-    from sqrp_cli.run.cell.requirements import check_simulator
+    from sqrp_cli.platform.simulator import check_simulator
 
     check_simulator()
     from sqrp_cli.field.cell_server import CellServer, Faults

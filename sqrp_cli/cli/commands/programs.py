@@ -121,7 +121,7 @@ def _export(program: Program, workspace: Workspace, file: Path, target: Path, ra
     check_outputs({"--export": target})
     check_not_read([target], [file, *(one.path for one in workspace.files.values())])
     if suffix in SUFFIXES:
-        from sqrp_cli.run.cell.requirements import check_packages
+        from sqrp_cli.platform.simulator import check_packages
 
         check_packages()
         from sqrp_cli.run.ground_truth import write_planned_run

@@ -89,7 +89,7 @@ def _run(
     if program is None:
         how = "--sim" if robot is None else f"--robot {shlex.quote(str(robot))}"
         raise bad_input("no-program", "expected a program to run", mend=f"sqrp run PROGRAM {how}")
-    from sqrp_cli.run.cell.requirements import check_simulator
+    from sqrp_cli.platform.simulator import check_simulator
     from sqrp_cli.show.terminal.console import print_problems, progress, say
 
     if robot is not None and json and not dry_run and not yes:
@@ -191,7 +191,7 @@ def _run_on_robot(
 
     Raises InputError where the cell is not as the program says, or nobody agrees.
     """
-    from sqrp_cli.run.cell.requirements import check_packages
+    from sqrp_cli.platform.simulator import check_packages
     from sqrp_cli.run.cell.robot_file import read_robot_file
     from sqrp_cli.show.terminal.console import ask as ask_user
     from sqrp_cli.show.terminal.console import say
@@ -331,8 +331,8 @@ def _audit(
 ) -> ExitCode:
     from sqrp_cli.files.yaml_edit import to_apply
     from sqrp_cli.platform.files import check_not_read
+    from sqrp_cli.platform.simulator import check_packages
     from sqrp_cli.ros.bag import is_bag
-    from sqrp_cli.run.cell.requirements import check_packages
     from sqrp_cli.show.terminal.console import note, progress
 
     if is_bag(program):

@@ -207,9 +207,11 @@ def _init(ask: requests.InitRequest, *, json: bool = requests.JSON) -> ExitCode:
         raise bad_option(f"expected one folder, and arguments such as `ur_type:=ur5e`; found the folders {named}")
     folder = Path(folders[0])
     if ask.robot is not None:
-        check_excluded("--robot", {"--urdf": ask.urdf})
+        check_excluded("--robot", {"--urdf": ask.urdf, "--mjcf": ask.mjcf})
+    if ask.mjcf is not None:
+        check_excluded("--mjcf", {"--urdf": ask.urdf})
     of_arm = {"--tip": ask.tip, "--package-root": ask.package_roots, "--gripper": ask.gripper, "an argument": given}
-    check_needed("the arm of --robot or --urdf", ask.robot or ask.urdf or ask.moveit, of_arm)
+    check_needed("the arm of --robot or --urdf", ask.robot or ask.urdf or ask.mjcf or ask.moveit, of_arm)
     for root in ask.package_roots:
         if not Path(root).is_dir():
             raise bad_input("missing-folder", f"--package-root: there is no folder {root}")

@@ -19,9 +19,9 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.files.packages import resolve_mesh
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.platform.interrupts import interrupts_later
+from sqrp_cli.platform.simulator import check_simulator
 from sqrp_cli.robot.robot import Robot
 from sqrp_cli.robot.urdf import UrdfLink, UrdfModel
-from sqrp_cli.run.cell.requirements import check_simulator
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Sphere
 
 check_simulator()

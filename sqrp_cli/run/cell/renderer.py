@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.geometry import Array, pose
+from sqrp_cli.platform.simulator import no_opengl
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.cell.mujoco_model import DRAWN, FELT, mujoco
-from sqrp_cli.run.cell.requirements import no_opengl
 
 NEAR, FAR = 0.01, 50.0
 """Clipping planes [m]."""

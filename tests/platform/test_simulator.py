@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli.run.cell import requirements
-from sqrp_cli.run.cell.requirements import check_simulator
+from sqrp_cli.platform import simulator
+from sqrp_cli.platform.simulator import check_simulator
 from sqrp_cli.run.record.events import VERSION, event
 from sqrp_cli.run.record.log import written_log
 from sqrp_cli.run.record.report import RunReport
@@ -21,7 +21,7 @@ INSTALL = "pip install mujoco opencv-contrib-python-headless"
 
 
 def test_a_missing_package_is_named_with_the_command_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(requirements, "find_spec", lambda _: None)
+    monkeypatch.setattr(simulator, "find_spec", lambda _: None)
     found = refused(check_simulator)
     assert (found.code, found.mend, "`sim`" in found.message) == ("missing-extra", INSTALL, True)
 

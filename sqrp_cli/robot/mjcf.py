@@ -1,0 +1,361 @@
+"""Robots of MuJoCo: the URDF that an MJCF stands for, with its bodies as links.
+
+MuJoCo reads the file (https://mujoco.readthedocs.io/en/stable/XMLreference.html) with includes, defaults and frames,
+and computes where everything is. Each mesh is a small sphere meanwhile: so a file is read in milliseconds, and shapes
+keep the frame of the mesh's own file. MuJoCo is imported here once it is certain that it can be.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from warnings import catch_warnings
+
+import numpy as np
+
+from sqrp_cli.errors import InputError, Place, Problem, bad_input
+from sqrp_cli.files.frames import WORLD
+from sqrp_cli.files.xml_file import Element
+from sqrp_cli.geometry import Array, displacement, matrix_to_rpy, pose, quaternion_to_matrix
+from sqrp_cli.platform.interrupts import interrupts_later
+from sqrp_cli.platform.simulator import check_simulator
+from sqrp_cli.records import dataclass
+
+if TYPE_CHECKING:
+    import mujoco
+
+MJCF_ROOT = "mujoco"  # the root element of MJCF
+NAMED = 5  # most names in a warning
+MESH_ENDS = (".stl", ".obj")  # of the mesh files of MuJoCo that SQRP reads, too
+STAND_IN = 1e-3  # radius of the sphere that stands for a mesh [m]
+
+Told = list[Any]
+"""An element: its tag, attributes, file, line, column and elements inside."""
+Follower = tuple[int, float, float]
+"""Of a joint that follows another one: that one's index, the multiplier, and the offset [rad or m]."""
+MeshFile = tuple[str, Array, Array]
+"""Of a mesh: its file, the scale along x, y, z, and its pose in a geom, shape (4, 4)."""
+
+# Numbers of MuJoCo's C interface, which never change.
+SLIDE, HINGE, JOINT_EQUALITY, JOINT_WRAP = 2, 3, 2, 1
+JOINT_DRIVES, TENDON_DRIVE = (0, 1), 3
+PLANE, SPHERE, ELLIPSOID, BOX = 0, 2, 4, 6
+ROUND = {SPHERE: "sphere", 3: "capsule", 5: "cylinder"}
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """An MJCF as MuJoCo compiles it, without its meshes, and what of it a robot can be."""
+
+    model: mujoco.MjModel
+    meshes: Mapping[str, MeshFile | None]
+    """Of each geom that had one, by name; None for one that is left out."""
+    weighed: frozenset[str]  # the bodies whose mass follows from no mesh
+    path: Path
+    places: Mapping[tuple[str, str], Place]  # of elements of the file, by tag and name
+    lost: dict[str, list[str]]
+    """Names of what becomes something else, or nothing, by what is said about it."""
+
+    def told(self, tag: str, attributes: Mapping[str, str], inside: Iterable[Told] = (), source: str = "body") -> Told:
+        """An element, placed where what it comes from is, a `source` of its name."""
+        place = self.places.get((source, attributes.get("name", "")), Place(self.path))
+        return [tag, dict(attributes), str(self.path), place.line, place.column, [*inside]]
+
+
+def mjcf_as_urdf(path: Path, root: Element) -> tuple[Told, tuple[Problem, ...]]:
+    """The `<robot>` that an MJCF stands for, and warnings about what it says otherwise or not at all.
+
+    root: of the file, which tells where elements are. The robot is every tree of bodies with a joint that an actuator
+    moves, or without actuators with any joint. One that begins with a body that is fixed or floats has it as its root,
+    otherwise the root is the world. Sites are links, too: frames of tools are among them.
+
+    Raises InputError for a file that MuJoCo cannot read or that has no such tree, or if it is not installed.
+    """
+    places = {(one.tag, one.attributes["name"]): one.place for one in root.inside() if "name" in one.attributes}
+    scene = _compiled(path, places)
+    model, bases = scene.model, _bases(scene)
+    bodies = [body for body in range(1, model.nbody) if model.body_rootid[body] in bases]
+    own = {body: _moving(scene, body) for body in bodies}
+    whole = len(bases) == 1 and not own[bases[0]]
+    following, held = _followers(scene, {joint for joints in own.values() for joint in joints})
+    told = [] if whole else [scene.told("link", {"name": WORLD})]
+    taken = {model.body(body).name for body in range(model.nbody)}
+    for body in bodies:
+        told.append(_link(scene, body))
+        if not whole or body != bases[0]:
+            told += _joints_to(scene, body, own[body], following, held)
+        for site in np.flatnonzero(model.site_bodyid == body).tolist():
+            name = model.site(site).name
+            if name and name not in taken:
+                X_BS = pose(quaternion_to_matrix(np.roll(model.site_quat[site], -1)), model.site_pos[site])
+                told.append(scene.told("link", {"name": name}, source="site"))
+                told.append(_joint(scene, f"{name}/fixed", (model.body(body).name, name), X_BS))
+
+    warnings = [
+        Problem("mjcf", f"{said}: {', '.join(names[:NAMED])}{f' and {more} more' if more > 0 else ''}", Place(path),
+                severity="warning")
+        for said, names in scene.lost.items() for more in [len(names) - NAMED]
+    ]  # fmt: skip
+    return scene.told("robot", {"name": root.attributes.get("model") or path.stem}, told), tuple(warnings)
+
+
+def _imported() -> Any:  # noqa: ANN401 - it has no types
+    """MuJoCo, which finds out while it is imported how it can draw; to read files it need not."""
+    if find_spec("mujoco") is None:
+        raise bad_input("missing-extra", "MJCF needs the extra `sim`", mend="pip install mujoco")
+    stated = os.environ.get("MUJOCO_GL")
+    try:
+        check_simulator()
+    except InputError:
+        os.environ["MUJOCO_GL"] = "off"
+    with interrupts_later():
+        import mujoco
+    if os.environ["MUJOCO_GL"] == "off":
+        os.environ.pop("MUJOCO_GL")
+        os.environ |= {} if stated is None else {"MUJOCO_GL": stated}
+    return mujoco
+
+
+def _compiled(path: Path, places: Mapping[tuple[str, str], Place]) -> Scene:
+    """The file as MuJoCo compiles it; bodies, joints and geoms without a name get one."""
+    mujoco = _imported()
+    kinds, lost = mujoco.mjtGeom, dict[str, list[str]]()
+    mujoco.set_mju_user_warning(lambda _: None)  # else they go to a file in this folder
+    try:
+        spec = mujoco.MjSpec.from_file(str(path.absolute()))
+        spec.compiler.discardvisual = spec.compiler.fusestatic = False
+        always = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+        files = {mesh.name: _mesh(spec, mesh, path, lost) for mesh in spec.meshes}
+        for kind, elements in (("body", spec.bodies), ("joint", spec.joints), ("geom", spec.geoms)):
+            for number, one in enumerate(elements):
+                one.name = one.name or f"{kind}_{number}"
+        meshes, of_mesh = dict[str, MeshFile | None](), set[str]()
+        for geom in spec.geoms:
+            geom.material = ""
+            if geom.meshname or geom.type in (kinds.mjGEOM_HFIELD, kinds.mjGEOM_SDF):
+                meshes[geom.name] = files.get(geom.meshname)
+                of_mesh.add(geom.parent.name)
+                geom.type, geom.meshname, geom.hfieldname = kinds.mjGEOM_SPHERE, "", ""
+                geom.size[:] = STAND_IN
+        for one in (*spec.sites, *spec.tendons):
+            one.material = ""
+        for one in (*spec.skins, *spec.flexes, *spec.meshes, *spec.hfields, *spec.materials, *spec.textures):
+            spec.delete(one)
+        weighed = {body.name for body in spec.bodies if body.explicitinertial and not always}
+        weighed |= {body.name for body in spec.bodies} - of_mesh
+        with catch_warnings(action="ignore"):
+            return Scene(spec.compile(), meshes, frozenset(weighed), path, places, lost)
+    except InputError:
+        raise
+    except Exception as error:  # of several types, some of its own
+        why = re.sub(r"^(XML )?(Error: )+", "", " ".join(str(error).split()))
+        line = re.search(r", line ([1-9]\d*)$", why)
+        place = Place(path, int(line[1]) if line and b"<include" not in path.read_bytes() else None)
+        raise bad_input("mjcf", f"MuJoCo cannot read this file: {why}", place) from error
+    finally:
+        mujoco.set_mju_user_warning(None)
+
+
+def _mesh(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh, path: Path, lost: dict[str, list[str]]) -> MeshFile | None:
+    """The file of a mesh, if it is one that SQRP can read."""
+    folders = [path.absolute().parent]  # then those of models that it attaches
+    folders += [folders[0] / Path(name).parent for name in re.findall(r'file="([^"]+\.xml)"', path.read_text("utf-8"))]
+    directory = getattr(getattr(mesh, "compiler", None), "meshdir", "") or spec.meshdir
+    file = Path(mesh.file).name if spec.strippath else mesh.file
+    found = [there for folder in folders for there in (folder / directory / file, folder / file) if there.is_file()]
+    turned = not np.array_equal(mesh.refquat / np.linalg.norm(mesh.refquat), [1.0, 0.0, 0.0, 0.0])
+    if not (file and file.lower().endswith(MESH_ENDS)) or (turned and np.ptp(mesh.scale) > 0.0):
+        what = "meshes that no file of STL or OBJ has as they are; their shapes are left out"
+        lost.setdefault(what, []).append(f"`{mesh.name}`")
+        return None
+    R = quaternion_to_matrix(np.roll(mesh.refquat, -1)).T
+    return (
+        str(found[0] if found else folders[0] / directory / file),
+        mesh.scale,
+        pose(R, -(R * mesh.scale) @ mesh.refpos),
+    )
+
+
+def _bases(scene: Scene) -> list[int]:
+    """The bodies with which the robot's trees begin. Raises InputError if there are none."""
+    model = scene.model
+    hinges = [joint for joint in range(model.njnt) if model.jnt_type[joint] in (SLIDE, HINGE)]
+    jointed = {int(model.body_rootid[model.jnt_bodyid[joint]]) for joint in hinges}
+    moved = {int(model.body_rootid[model.jnt_bodyid[joint]]) for joint in _motors(model)}
+    bases = sorted((moved & jointed) or jointed)
+    if not bases:
+        message = "no joint of this file turns or slides, expected those of an arm"
+        raise bad_input("no-arm", message, Place(scene.path), mend="name the file of the robot, not of an object")
+    others = {int(model.geom_bodyid[geom]) for geom in range(model.ngeom) if model.geom_type[geom] != PLANE}
+    others = {int(model.body_rootid[body]) for body in others} - {*bases}
+    if others:
+        said = "of the scene, what no actuator moves is left out; state it as `objects`"
+        scene.lost[said] = [f"`{model.body(body).name}`" for body in sorted(others)]
+    return bases
+
+
+def _motors(model: mujoco.MjModel) -> dict[int, float]:
+    """The joints that actuators move, also by tendons, and the largest force of each [Nm or N]; 0 if not stated."""
+    motors = dict[int, float]()
+    for actuator in range(model.nu):
+        kind, (first, _) = model.actuator_trntype[actuator], model.actuator_trnid[actuator]
+        if kind == TENDON_DRIVE:
+            wraps = range(model.tendon_adr[first], model.tendon_adr[first] + model.tendon_num[first])
+            motors |= {int(model.wrap_objid[wrap]): 0.0 for wrap in wraps if model.wrap_type[wrap] == JOINT_WRAP}
+        elif kind in JOINT_DRIVES:
+            most = np.abs(model.actuator_forcerange[actuator]).max() * abs(model.actuator_gear[actuator, 0])
+            motors[int(first)] = float(most) if model.actuator_forcelimited[actuator] else 0.0
+    for joint in np.flatnonzero(model.jnt_actfrclimited).tolist():
+        if joint in motors:
+            motors[joint] = float(np.abs(model.jnt_actfrcrange[joint]).max())
+    return motors
+
+
+def _moving(scene: Scene, body: int) -> list[int]:
+    """The joints of a body that turn or slide within limits; if it has others, as a base on wheels, it stands still."""
+    model = scene.model
+    joints = [*range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])]
+    if all(
+        model.jnt_type[joint] == HINGE or (model.jnt_type[joint] == SLIDE and model.jnt_limited[joint])
+        for joint in joints
+    ):
+        return joints
+    said = "bodies that float, turn about every axis or slide without limits stand still"
+    scene.lost.setdefault(said, []).append(f"`{model.body(body).name}`")
+    return []
+
+
+def _followers(scene: Scene, moving: set[int]) -> tuple[dict[int, Follower], dict[int, float]]:
+    """The joints that follow others by equality constraints, and where those are that one holds [rad or m].
+
+    MuJoCo's constraint is `q - ref = a + b (q_other - ref_other) + ...`; where only the first has a motor, the other
+    one follows.
+    """
+    model, following, held = scene.model, dict[int, Follower](), dict[int, float]()
+    motors, ref = _motors(model), [float(model.qpos0[address]) for address in model.jnt_qposadr]
+    for row in np.flatnonzero((model.eq_type == JOINT_EQUALITY) & (model.eq_active0 != 0)).tolist():
+        one, other, (a, b, *more) = (
+            int(model.eq_obj1id[row]),
+            int(model.eq_obj2id[row]),
+            model.eq_data[row][:5].tolist(),
+        )
+        if one not in moving or one in following or one in held:
+            continue
+        if other not in moving or b == 0.0:
+            held[one] = ref[one] + a
+        elif other in motors or one not in motors:
+            following[one] = other, b, ref[one] + a - b * ref[other]
+        elif other not in following:
+            following[other] = one, 1.0 / b, ref[other] - (ref[one] + a) / b
+        if any(more):
+            name = f"`{model.joint(one).name}`"
+            scene.lost.setdefault("joints that follow another one by a curve, taken as straight", []).append(name)
+    for joint in [*following]:
+        leader, b, a = following[joint]
+        passed = {joint}
+        while leader in following and leader not in passed:  # a chain of them
+            passed.add(leader)
+            leader, next_b, next_a = following[leader]
+            b, a = b * next_b, b * next_a + a
+        if leader in held or leader in passed:
+            held[joint] = b * held.get(leader, ref[leader]) + a
+            del following[joint]
+        else:
+            following[joint] = leader, b, a
+    return following, held
+
+
+def _link(scene: Scene, body: int) -> Told:
+    """A body as a link. Geoms that touch nothing are visual, and so are others of the groups that have such geoms."""
+    model, name = scene.model, scene.model.body(body).name
+    touching = (model.geom_contype | model.geom_conaffinity) != 0
+    drawn, pieces = {*model.geom_group[~touching].tolist()}, list[Told]()
+    for geom in range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body]):
+        called, kind, (x, y, z) = model.geom(geom).name, int(model.geom_type[geom]), model.geom_size[geom].tolist()
+        X_BG = pose(quaternion_to_matrix(np.roll(model.geom_quat[geom], -1)), model.geom_pos[geom])
+        if called in scene.meshes:
+            if (mesh := scene.meshes[called]) is None:
+                continue
+            shape, X_BG = ("mesh", {"filename": mesh[0], "scale": _text(mesh[1])}), X_BG @ mesh[2]
+        elif kind in (BOX, ELLIPSOID):
+            shape = "box", {"size": _text((2 * x, 2 * y, 2 * z))}
+            if kind == ELLIPSOID:
+                scene.lost.setdefault("ellipsoids, taken as the boxes around them", []).append(f"`{called}`")
+        elif kind in ROUND:
+            shape = ROUND[kind], {"radius": _text((x,)), **({} if kind == SPHERE else {"length": _text((2 * y,))})}
+        else:
+            continue
+        inside = [_origin(scene, X_BG), scene.told("geometry", {}, [scene.told(*shape)])]
+        tags = ["collision"] if touching[geom] else []
+        if model.geom_rgba[geom, 3] > 0.0 and (not touching[geom] or int(model.geom_group[geom]) in drawn):
+            tags.append("visual")
+        pieces += [scene.told(tag, {"name": called}, inside, "geom") for tag in tags]
+    if name in scene.weighed and (mass := float(model.body_mass[body])) > 0.0:
+        R = quaternion_to_matrix(np.roll(model.body_iquat[body], -1))
+        moments = R @ np.diag(model.body_inertia[body]) @ R.T
+        stated = {"i" + "xyz"[i] + "xyz"[j]: _text((moments[i, j],)) for i in range(3) for j in range(i, 3)}
+        mass_and_moments = scene.told("mass", {"value": _text((mass,))}), scene.told("inertia", stated)
+        pieces.append(
+            scene.told("inertial", {}, [_origin(scene, pose(position=model.body_ipos[body])), *mass_and_moments])
+        )
+    return scene.told("link", {"name": name}, pieces)
+
+
+def _joints_to(
+    scene: Scene, body: int, joints: list[int], following: Mapping[int, Follower], held: Mapping[int, float]
+) -> Iterator[Told]:
+    """The joints that carry a body, one after the other, with links between them and where an axis is elsewhere."""
+    model, name, motors = scene.model, scene.model.body(body).name, _motors(scene.model)
+    parent, X_PB = (
+        model.body_parentid[body],
+        pose(quaternion_to_matrix(np.roll(model.body_quat[body], -1)), model.body_pos[body]),
+    )
+    carrier = WORLD if parent == 0 else model.body(parent).name
+    moving = [joint for joint in joints if joint not in held]
+    for joint in joints:
+        ref, axis = float(model.qpos0[model.jnt_qposadr[joint]]), model.jnt_axis[joint]
+        at, turns = pose(position=model.jnt_pos[joint]), model.jnt_type[joint] == HINGE
+        by = held.get(joint, 0.0) - ref
+        X_PJ = X_PB @ at @ (displacement(np.zeros(3), axis * by) if turns else pose(position=axis * by))
+        X_PB = pose(position=-model.jnt_pos[joint])
+        if joint in held:
+            X_PB = X_PJ @ X_PB
+            continue
+        called, bounded = model.joint(joint).name, bool(model.jnt_limited[joint])
+        child = (
+            name if joint == moving[-1] and joint == joints[-1] and not model.jnt_pos[joint].any() else f"{called}/axis"
+        )
+        lower, upper = model.jnt_range[joint].tolist() if bounded else (0.0, 0.0)
+        limit = {"lower": _text((lower,)), "upper": _text((upper,)), "effort": _text((motors.get(joint, 0.0),))}
+        more = [scene.told("axis", {"xyz": _text(axis)}), scene.told("limit", limit)]
+        if joint in following:
+            leader, b, a = following[joint]
+            follows = {"joint": model.joint(leader).name, "multiplier": _text((b,)), "offset": _text((a,))}
+            more.append(scene.told("mimic", follows))
+        kind = "prismatic" if not turns else "revolute" if bounded else "continuous"
+        yield _joint(scene, called, (carrier, child), X_PJ, kind, more)
+        if child != name:
+            yield scene.told("link", {"name": child})
+        carrier = child
+    if carrier != name:
+        yield _joint(scene, f"{name}/fixed", (carrier, name), X_PB)
+
+
+def _joint(
+    scene: Scene, name: str, links: tuple[str, str], X_PJ: Array, kind: str = "fixed", more: Iterable[Told] = ()
+) -> Told:
+    ends = [scene.told(tag, {"link": link}) for tag, link in zip(("parent", "child"), links, strict=True)]
+    return scene.told("joint", {"name": name, "type": kind}, [*ends, _origin(scene, X_PJ), *more], "joint")
+
+
+def _origin(scene: Scene, X: Array) -> Told:
+    return scene.told("origin", {"xyz": _text(X[:3, 3]), "rpy": _text(matrix_to_rpy(X[:3, :3]))})
+
+
+def _text(values: Iterable[float]) -> str:
+    """Numbers to twelve digits: rounding differs between releases and machines, and a digest must not."""
+    return " ".join(f"{round(float(value), 15) + 0.0:.12g}" for value in values)
