@@ -108,7 +108,7 @@ class JointPath:
         """
         inside = np.minimum(np.maximum(np.asarray(s, dtype=float), 0.0), 1.0)
         start, width = self.breaks[:-1], self.breaks[1:] - self.breaks[:-1]
-        coefficients = self._derived(order)
+        coefficients = self.derived(order)
         if order:
             coefficients = coefficients * (2.0 / width[:, None]) ** order
         if len(width) > 1:
@@ -131,7 +131,7 @@ class JointPath:
         It is the sum of the magnitudes of the derivative's Chebyshev coefficients, as |T_k| <= 1; exact for lines.
         """
         width = self.breaks[1:] - self.breaks[:-1]
-        bounds: Array = np.abs(self._derived(order)).sum(axis=0) * (2.0 / width[:, None]) ** order
+        bounds: Array = np.abs(self.derived(order)).sum(axis=0) * (2.0 / width[:, None]) ** order
         return bounds
 
     def range_bounds(self) -> JointSpan:
@@ -154,7 +154,7 @@ class JointPath:
         positions = np.concatenate(found)
         return float(positions.min()), float(positions.max())
 
-    def _derived(self, order: int) -> Array:
+    def derived(self, order: int) -> Array:
         """Chebyshev coefficients of a derivative with respect to x in [-1, 1], shape (max(d - order, 0) + 1, p, n).
 
         They are computed once, from those of the order below.

@@ -30,11 +30,14 @@ def fastest_sequence(
     move_durations: Sequence[Array],
     works: Callable[[int, int, int, bool], bool],
     *,
+    takes: Callable[[int, int], float] | None = None,
     around: bool = False,
 ) -> tuple[int, ...] | None:
     """The branch of each section with which the whole takes the shortest time, ties by lexicographic joint values.
 
     starts, durations: where each of the k branches of a section begins, shape (k, n), and how long it takes, (k,) [s].
+    takes(i, branch): how long one really takes [s], where `durations` say how long at least; asked of the most
+    promising ones.
     move_durations: of the moves from each branch of a section to each of the next one, shape (k_i, k_i+1) [s] each.
     works(i, previous, branch, False): whether a branch of section i and the move to it from one of the section before
     (-1 for none) are feasible. It is called only for the most promising sequences, once for each argument. None when no
@@ -65,9 +68,14 @@ def fastest_sequence(
     push((), (), np.zeros(len(to_go[0])), None)
     while heap:
         bound, key, chosen, is_around, spent, siblings = heapq.heappop(heap)
+        i, k = len(chosen) - 1, chosen[-1]
         if siblings is not None:
             push(*siblings)
-        i, k = len(chosen) - 1, chosen[-1]
+            least = float(durations[i][k])
+            if takes is not None and (longer := takes(i, k) - least):
+                total = round(spent + longer + float(to_go[i][k]) - least, TIE_DECIMALS)
+                heapq.heappush(heap, (total, key, chosen, False, spent + longer, None))
+                continue
         asked = (i, chosen[-2] if i else -1, k, is_around)
         if asked not in known:
             known[asked] = works(*asked)
@@ -97,8 +105,9 @@ class JointMoves:
     that is chosen.
     """
 
-    def __init__(self, problem: MotionProblem, ways: Sequence[Ways]) -> None:
-        """ways: those through each section."""
+    def __init__(self, problem: MotionProblem, ways: Sequence[Ways], *, each: bool = False) -> None:
+        """ways: those through each section. each: whether all will be asked for, not only the most promising."""
+        self._each, self._timed = each, [dict[int, tuple[Trajectory, ...]]() for _ in ways]
         self._problem, self._sections, self._ways = problem, problem.sections, ways
         self._tied_is_free, self._move = cache(self._check_tied), cache(self._find)
         self.tries = 0
@@ -110,6 +119,19 @@ class JointMoves:
             q0, q1, limits = before.q_end[:, None], after.q_start[None], MotionLimits.of(problem.model, primitive.speed)
             stops = pairwise((q0, home, q1) if primitive.via_home else (q0, q1))
             self.durations.append(np.asarray(sum(joint_move_duration(one, two, limits) for one, two in stops)))
+
+    def tied(self, i: int, branch: int) -> tuple[Trajectory, ...]:
+        """The primitives tied to the start of a branch of section i, without turns; timed when first asked for."""
+        begun, timed = self._ways[i].begun, self._timed[i]
+        if branch not in timed:
+            some = range(len(begun)) if self._each else [branch]
+            found = self._problem.trajectories(self._sections[i], [begun[one] for one in some])
+            timed |= zip(some, found, strict=True)
+        return timed[branch]
+
+    def takes(self, i: int, way: int) -> float:
+        """How long the primitives tied to the start of a way through section i take [s]."""
+        return sum(move.duration for move in self.tied(i, int(self._ways[i].of[way])))
 
     def works(self, i: int, previous: int, chosen: int, around: bool) -> bool:
         """Whether a way through section i and the direct move to it are free.
@@ -167,7 +189,7 @@ class JointMoves:
     def _check_tied(self, i: int, branch: int) -> bool:
         """Whether all primitives tied to the start of a branch of section i are free, and fingers that move in them."""
         primitives = self._problem.primitives
-        for k, trajectory in enumerate(self._ways[i].trajectories[branch], self._sections[i].first):
+        for k, trajectory in enumerate(self.tied(i, branch), self._sections[i].first):
             before, now = primitives[max(k - 1, 0)], primitives[k]
             # Where the arm still stands at the end of the primitive before, that was checked: with the same contacts.
             stands = now.kind is not JointMove and not now.curves and k > 0

@@ -187,7 +187,7 @@ def _plan(problem: MotionProblem, branch: Names, *, around: bool) -> Motion | In
     ways = _ways(problem)
     if ways is None:
         return _infeasible(problem)
-    durations = _durations(ways, branch)
+    durations = _durations(problem, ways, branch)
     if not all(np.isfinite(duration).any() for duration in durations):
         return no_such_branch(branch)
     return _fastest(problem, ways, JointMoves(problem, ways), durations, around=around)
@@ -199,15 +199,15 @@ def _plan_each(problem: MotionProblem) -> Branches:
     tried = prod(max(1, len({tuple(name.items()) for name in problem.names(one)})) for one in problem.sections)
     if ways is None:
         return Branches(tried, (), _infeasible(problem).reasons)
-    moves = JointMoves(problem, ways)
+    moves = JointMoves(problem, ways, each=True)
     branches: list[dict[str, MotionValue]] = [{}]
     for through in ways:
         possible = {tuple(name.items()): name for name in through.names}.values()
         branches = [{**one, **more} for one in branches for more in possible if _agree(one, more)][:MOST_BRANCHES]
-    planned = [(one, _fastest(problem, ways, moves, _durations(ways, one), around=False)) for one in branches]
+    planned = [(one, _fastest(problem, ways, moves, _durations(problem, ways, one), around=False)) for one in branches]
     feasible = [(one, motion) for one, motion in planned if isinstance(motion, Motion)]
     if not feasible:
-        motion = _fastest(problem, ways, moves, _durations(ways, {}), around=True)
+        motion = _fastest(problem, ways, moves, _durations(problem, ways, {}), around=True)
         if isinstance(motion, Infeasible):
             return Branches(tried, (), motion.reasons)
         feasible = [({}, motion)]
@@ -226,18 +226,19 @@ def _fastest(
 ) -> Motion | Infeasible:
     """The fastest motion of the ways of finite durations; around: look for ways around, if need be."""
     starts = [through.q_start for through in ways]
-    chosen = fastest_sequence(starts, durations, moves.durations, moves.works)
+    given = starts, durations, moves.durations, moves.works
+    chosen = fastest_sequence(*given, takes=moves.takes)
     if chosen is None and around:
-        chosen = fastest_sequence(starts, durations, moves.durations, moves.works, around=True)
+        chosen = fastest_sequence(*given, takes=moves.takes, around=True)
     if chosen is None:
         return _infeasible(problem, moves.tries)
     along = moves.along(chosen)
     if isinstance(along, Infeasible):
         return along
     done: list[FoundMove] = []
-    for through, k, move in zip(ways, chosen, [None, *along], strict=True):
+    for i, (through, k, move) in enumerate(zip(ways, chosen, [None, *along], strict=True)):
         done += [move] if move is not None else []
-        tied = through.trajectories[through.of[k]]
+        tied = moves.tied(i, int(through.of[k]))
         done += [(Trajectory(one.path.shifted(through.turns[k]), one.law), None) for one in tied]
     motion = _motion(problem, done, ways[-1].q_end[chosen[-1]])
     for primitive in motion.primitives if isinstance(motion, Motion) else ():
@@ -314,11 +315,11 @@ def no_such_branch(branch: Mapping[str, MotionValue]) -> Infeasible:
     return Infeasible((f"no way of its arm is called {' '.join(words)}",))
 
 
-def _durations(ways: Sequence[Ways], branch: Names) -> list[Array]:
-    """How long the ways through each section take [s]; those of other branches take endlessly long."""
+def _durations(problem: MotionProblem, ways: Sequence[Ways], branch: Names) -> list[Array]:
+    """How long the ways through each section take at least [s]; those of other branches take endlessly long."""
     return [
-        np.where(np.array([_agree(branch, name) for name in through.names])[through.of], through.duration, np.inf)
-        for through in ways
+        np.where([_agree(branch, through.names[one]) for one in through.of.tolist()], section.least_duration, np.inf)
+        for section, through in zip(problem.sections, ways, strict=True)
     ]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from functools import cached_property, reduce
-from itertools import product
+from itertools import compress, product
 from math import prod
 
 import numpy as np
@@ -16,14 +16,12 @@ from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.motion.collision import PlacedScene
 from sqrp_cli.motion.ground_primitives import GroundPrimitive
 from sqrp_cli.motion.position_limits import near_limits, whole_turns
-from sqrp_cli.motion.timing import MotionLimits, time_paths
+from sqrp_cli.motion.timing import MotionLimits, rest_to_rest_duration, time_paths
 from sqrp_cli.motion.tool_path import (
-    LIMIT_SAMPLES,
     SHORTEST_LINE,
     ToolCurve,
     follow_within_limits,
     limit_reason,
-    tool_line,
 )
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.branches import branch_words, chosen_branches
@@ -38,8 +36,8 @@ MOST_TURNS = 4096  # combinations of whole turns of the joints that are tried fo
 Names = Mapping[str, MotionValue]
 """The name of a branch at the end of one joint move: some of those of `Branches.feasible`."""
 
-_Begun = tuple[Array, tuple[Trajectory, ...]]
-"""Start of a branch, shape (n,), and the trajectories of its first primitives."""
+Begun = tuple[Array, Array, tuple[JointPath, ...]]
+"""Start and end of a branch, shape (n,) each, and its path along each of the section's legs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +51,25 @@ class Section:
     is_fixed: bool
     """Whether it begins at given joint positions, not at a tool pose."""
 
+    @property
+    def legs(self) -> list[tuple[int, GroundPrimitive, ToolCurve]]:
+        """Every curve of the tied primitives, with the index of its primitive in the skill."""
+        return [(k, one, curve) for k, one in enumerate(self.tied, self.first) for curve in one.legs]
+
+    @property
+    def least_duration(self) -> float:
+        """No branch takes less than this, whatever the joints allow [s]."""
+        holds = sum(one.hold for one in self.tied if not one.legs)
+        stated = np.stack([np.full(3, np.inf), *(limits_along(one, curve) for _, one, curve in self.legs)], axis=1)
+        limits = MotionLimits(*stated[:, np.isfinite(stated).all(axis=0)])
+        return holds + float(rest_to_rest_duration(1.0, limits).sum())
+
 
 @dataclass(frozen=True, eq=False)
 class Ways:
     """All k ways through a section: its branches, with each of their turns."""
 
-    trajectories: tuple[tuple[Trajectory, ...], ...]  # of the tied primitives, by branch
+    begun: tuple[Begun, ...]  # by branch
     names: tuple[Names, ...]  # of each branch at the end of the joint move; empty where nothing is free
     of: Indices  # index of the branch of each way, of which each has one or more, shape (k,)
     turns: Array
@@ -66,7 +77,6 @@ class Ways:
     q_start: Array
     q_end: Array
     """Where each begins and ends, shape (k, n)."""
-    duration: Array  # of each, shape (k,) [s]
 
 
 @dataclass(eq=False, kw_only=True)
@@ -119,7 +129,7 @@ class MotionProblem:
 
     def ways(self, section: Section) -> Ways | None:
         """The feasible ways through a section, free of contacts at the end of its joint move; None if there is none."""
-        begun, names, branches = self._branches(section), self.names(section), list[tuple[_Begun, Array, Names]]()
+        begun, names, branches = self._branches(section), self.names(section), list[tuple[Begun, Array, Names]]()
         for branch, turns in zip(begun, self._turns(section, begun) if begun else (), strict=True):
             name, move = names[0], section.move
             if len(names) > 1 and move and isinstance(ends := self.solutions(move.X_end), np.ndarray):
@@ -130,20 +140,17 @@ class MotionProblem:
             return None
         of = np.repeat(np.arange(len(branches)), [len(turns) for _, turns, _ in branches])
         turns = np.concatenate([turns for _, turns, _ in branches])
-        starts = np.stack([q for (q, _), *_ in branches])
-        ends = np.stack([trajectories[-1].path.end if trajectories else q for (q, trajectories), *_ in branches])
-        durations = np.array([sum(move.duration for move in trajectories) for (_, trajectories), *_ in branches])
+        starts, ends = (np.stack(q)[of] + turns for q in zip(*((q0, at) for (q0, at, _), *_ in branches), strict=True))
         return Ways(
-            trajectories=tuple(trajectories for (_, trajectories), *_ in branches),
+            begun=tuple(begun for begun, *_ in branches),
             names=tuple(name for *_, name in branches),
             of=of,
             turns=turns,
-            q_start=starts[of] + turns,
-            q_end=ends[of] + turns,
-            duration=durations[of],
+            q_start=starts,
+            q_end=ends,
         )
 
-    def _branches(self, section: Section) -> list[_Begun]:
+    def _branches(self, section: Section) -> list[Begun]:
         """The feasible branches of a section, whole turns and limits ignored."""
         move, index = section.move, section.first - 1
         if move is None or move.home:
@@ -162,32 +169,16 @@ class MotionProblem:
             for contact in filter(None, contacts):
                 self.failures.append((index, f"{contact} at the end of {move.name}"))
             ends = ends[[contact is None for contact in contacts]]
-        # The start and the present end of each branch, and the paths along the curves of its tool moves.
-        going = [(q, q, list[JointPath]()) for q in ends]
-        legs = [(k, one, leg) for k, one in enumerate(section.tied, section.first) for leg in one.legs]
-        for k, primitive, curve in legs:
-            starts, may_turn = [at for _, at, _ in going], self.model.turns & (not section.is_fixed)
+        begun: list[Begun] = [(q, q, ()) for q in ends]  # as far as they have been followed
+        for k, primitive, curve in section.legs:
+            starts, may_turn = [at for _, at, _ in begun], self.model.turns & (not section.is_fixed)
             followed = self.follow(k, primitive, curve, np.stack(starts), may_turn) if starts else []
             goes_on = curve is primitive.beyond
-            going = [
-                (q0, at if goes_on else path.end, [*paths, path])
-                for (q0, at, paths), path in zip(going, followed, strict=True)
+            begun = [
+                (q0, at if goes_on else path.end, (*paths, path))
+                for (q0, at, paths), path in zip(begun, followed, strict=True)
                 if path is not None
             ]
-        # All are timed together: that takes hardly longer than for one.
-        moves = [(path, one, leg) for *_, paths in going for path, (_, one, leg) in zip(paths, legs, strict=True)]
-        timed, begun = iter(self.timed(moves)), list[_Begun]()
-        for q0, *_ in going:
-            done: list[Trajectory] = []
-            for primitive in section.tied:
-                parts, stops = [next(timed) for _ in primitive.legs], len(primitive.curves)
-                if not parts:
-                    at = done[-1].path.end if done else q0
-                    parts = [Trajectory.standstill(at, primitive.hold)]
-                moved = reduce(Trajectory.followed_by, parts[: max(stops, 1)])
-                # A guarded move stands where contact is expected for as long as it would go on without.
-                done.append(moved.resting(parts[-1].duration) if len(parts) > max(stops, 1) else moved)
-            begun.append((q0, tuple(done)))
         for primitive in section.tied if len(ends) and not begun else ():
             for curve in primitive.curves:  # that the end of a line is out of reach is the most useful reason
                 reached = self.solutions(curve.X_end)
@@ -208,58 +199,64 @@ class MotionProblem:
                 self.failures.append((index, f"{primitive.name}: {reason}"))
         return [path if isinstance(path, JointPath) else None for path in followed]
 
+    def trajectories(self, section: Section, branches: Sequence[Begun]) -> list[tuple[Trajectory, ...]]:
+        """Those of the tied primitives, for each of some branches; all timed together takes hardly longer than one."""
+        legs = section.legs
+        moves = [(path, one, leg) for *_, paths in branches for path, (_, one, leg) in zip(paths, legs, strict=True)]
+        timed, found = iter(self.timed(moves)), list[tuple[Trajectory, ...]]()
+        for q0, *_ in branches:
+            done: list[Trajectory] = []
+            for primitive in section.tied:
+                parts, stops = [next(timed) for _ in primitive.legs], len(primitive.curves)
+                if not parts:
+                    at = done[-1].path.end if done else q0
+                    parts = [Trajectory.standstill(at, primitive.hold)]
+                moved = reduce(Trajectory.followed_by, parts[: max(stops, 1)])
+                # A guarded move stands where contact is expected for as long as it would go on without.
+                done.append(moved.resting(parts[-1].duration) if len(parts) > max(stops, 1) else moved)
+            found.append(tuple(done))
+        return found
+
     def timed(self, moves: Sequence[tuple[JointPath, GroundPrimitive, ToolCurve]]) -> list[Trajectory]:
-        """Moves along curves at the speed of their primitives, or slower if joints cannot follow.
-
-        A curve on which the tool only turns has no speed; the joints and the speed of turns alone limit it.
-        """
-        # What the primitive's settings allow along the curve's parameter. A turn reaches its speed in 0.2 s, as the
-        # limits of its acceleration and jerk say.
-        of_joints, along = MotionLimits.of(self.model), list[Array | None]()
+        """Moves along curves within `limits_along`, or slower if joints cannot follow."""
+        of_joints, along = MotionLimits.of(self.model), list[Array]()
         for path, primitive, curve in moves:
-            limits = [np.full(3, np.inf)]
-            if curve.length > SHORTEST_LINE:
-                limits.append(np.array([primitive.speed, primitive.acceleration, primitive.jerk]) / curve.length)
-            if primitive.turn_speed is not None and curve.turning > 0.0:
-                limits.append(primitive.turn_speed / curve.turning * np.array([1.0, 10.0, 100.0]))
-            if len(limits) == 1 and curve.turning:
+            stated = limits_along(primitive, curve)
+            if np.isinf(stated).all() and curve.turning:  # the joints and the speed of turns alone limit it
                 most = of_joints.along(path.derivative_bounds().max(axis=0))
-                limits.append(np.array([most.velocity, most.acceleration, most.jerk]))
-            along.append(np.min(limits, axis=0) if len(limits) > 1 else None)
-        paths = [path for (path, *_), limit in zip(moves, along, strict=True) if limit is not None]
-        stated = np.array([limit for limit in along if limit is not None]).reshape(-1, 3)
-        timed = iter(time_paths(paths, of_joints, MotionLimits(*stated.T)))
-        return [
-            Trajectory.standstill(path.end, 0.0) if limit is None else next(timed)
-            for (path, *_), limit in zip(moves, along, strict=True)
-        ]
+                stated = np.array([most.velocity, most.acceleration, most.jerk])
+            along.append(stated)
+        going = [index for index, stated in enumerate(along) if not np.isinf(stated).all()]
+        limits = MotionLimits(*np.array([along[index] for index in going]).reshape(-1, 3).T)
+        timed = dict(zip(going, time_paths([moves[index][0] for index in going], of_joints, limits), strict=True))
+        return [timed.get(index) or Trajectory.standstill(path.end, 0.0) for index, (path, *_) in enumerate(moves)]
 
-    def _turns(self, section: Section, branches: Sequence[_Begun]) -> list[Array]:
+    def _turns(self, section: Section, branches: Sequence[Begun]) -> list[Array]:
         """Of each branch, offsets by whole turns that keep it within the joints' limits, (k, n).
 
         Only 0 where the section's end is given, and of joints that slide. A joint without limits goes at most one turn
         beyond where it is at the start and at home. Where there are none, the first limit that fails is recorded.
         """
-        # Positions that each branch passes: sampled, but exact where the motion between samples could decide on turns.
-        low = np.stack([q for q, _ in branches])
-        high, unknown = low.copy(), np.zeros_like(low)
-        for trajectories in zip(*(trajectories for _, trajectories in branches), strict=True):
-            for rows, path in side_by_side([trajectory.path for trajectory in trajectories]):
-                if path.coefficients.shape[1] > 1:
-                    q = path.positions(np.linspace(0.0, 1.0, LIMIT_SAMPLES)).reshape(LIMIT_SAMPLES, len(rows), -1)
-                    low[rows], high[rows] = np.minimum(low[rows], q.min(axis=0)), np.maximum(high[rows], q.max(axis=0))
-                    curvature = path.derivative_bounds(2).max(axis=0).reshape(len(rows), -1)
-                    unknown[rows] = np.maximum(unknown[rows], curvature / (8 * (LIMIT_SAMPLES - 1) ** 2))
-        sampled, widest = whole_turns(low, high, *self.bounds), whole_turns(low - unknown, high + unknown, *self.bounds)
-        for row, joint in np.argwhere((sampled[0] != widest[0]) | (sampled[1] != widest[1])).tolist():
-            for trajectory in branches[row][1]:
-                least, greatest = trajectory.path.extremes(joint)
-                low[row, joint], high[row, joint] = min(low[row, joint], least), max(high[row, joint], greatest)
+        kept = [curve is not one.beyond for _, one, curve in section.legs]
+        legs, followed = list(compress(section.legs, kept)), [tuple(compress(paths, kept)) for *_, paths in branches]
+        # Positions that each branch passes: those of its ends, but exact where bounds of the others decide on turns.
+        ends = np.stack([(q0, at) for q0, at, _ in branches])
+        low, high = ends.min(axis=1), ends.max(axis=1)
+        lowest, highest = low.copy(), high.copy()
+        for paths in zip(*followed, strict=True):
+            for rows, path in side_by_side(paths):
+                lower, upper = (bound.reshape(len(rows), -1) for bound in path.range_bounds())
+                lowest[rows], highest[rows] = np.minimum(lowest[rows], lower), np.maximum(highest[rows], upper)
+        narrow, wide = whole_turns(low, high, *self.bounds), whole_turns(lowest, highest, *self.bounds)
+        for row, joint in np.argwhere((narrow[0] != wide[0]) | (narrow[1] != wide[1])).tolist():
+            for path in followed[row]:
+                first, last = path.extremes(joint)
+                low[row, joint], high[row, joint] = min(low[row, joint], first), max(high[row, joint], last)
         fewest, most = whole_turns(low, high, *self.bounds)
         still = ~self.model.turns | section.is_fixed
         fewest[:, still], most[:, still] = np.maximum(fewest[:, still], 0.0), np.minimum(most[:, still], 0.0)
         turns: list[Array] = []
-        for (_, trajectories), least, greatest in zip(branches, fewest.tolist(), most.tolist(), strict=True):
+        for paths, least, greatest in zip(followed, fewest.tolist(), most.tolist(), strict=True):
             counts = [range(int(first), int(last) + 1) for first, last in zip(least, greatest, strict=True)]
             chosen, number = [], prod(map(len, counts))
             for count in reversed(counts):  # if there are too many combinations, the last joints turn the least
@@ -267,10 +264,22 @@ class MotionProblem:
                 number = number // max(len(count), 1) * len(nearest)
                 chosen.append(nearest)
             turns.append(2 * np.pi * np.array(list(product(*reversed(chosen))), dtype=float).reshape(-1, len(counts)))
-            for k, (primitive, move) in enumerate(zip(section.tied, () if len(turns[-1]) else trajectories)):  # noqa: B905
-                one = len(primitive.curves) == 1
-                curve = primitive.curves[0] if one else tool_line(primitive.X_start, primitive.X_end)
-                if (reason := limit_reason(self.model, move.path, curve)) is not None:
-                    self.failures.append((section.first + k, f"{primitive.name}: {reason}"))
+            for (k, primitive, curve), path in zip(legs, () if len(turns[-1]) else paths):  # noqa: B905
+                if (reason := limit_reason(self.model, path, curve)) is not None:
+                    self.failures.append((k, f"{primitive.name}: {reason}"))
                     break
         return turns
+
+
+def limits_along(primitive: GroundPrimitive, curve: ToolCurve) -> Array:
+    """What a primitive's settings allow along a curve's parameter: velocity, acceleration and jerk, shape (3,).
+
+    They are infinite for a curve on which the tool only turns, if the settings do not limit that. A turn reaches its
+    speed in 0.2 s, as the limits of its acceleration and jerk say.
+    """
+    limits = np.full(3, np.inf)
+    if curve.length > SHORTEST_LINE:
+        limits = np.array([primitive.speed, primitive.acceleration, primitive.jerk]) / curve.length
+    if primitive.turn_speed is not None and curve.turning > 0.0:
+        limits = np.minimum(limits, primitive.turn_speed / curve.turning * np.array([1.0, 10.0, 100.0]))
+    return limits

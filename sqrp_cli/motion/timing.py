@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -167,7 +168,7 @@ def time_paths(paths: Sequence[JointPath], limits: MotionLimits, along: MotionLi
         p, degree = joined.coefficients.shape[:2]
         slopes = np.zeros((3, degree, p, joined.coefficients.shape[2]))
         for order in (1, 2, 3):
-            derived = np.polynomial.chebyshev.chebder(joined.coefficients.swapaxes(0, 1), order)
+            derived = joined.derived(order)
             slopes[order - 1, : len(derived)] = derived * (2.0 / np.diff(joined.breaks)[:, None]) ** order
         slopes = slopes.reshape(3, degree, p, len(rows), -1).transpose(2, 3, 0, 4, 1).reshape(p, len(rows), -1, degree)
         curves, stated = (joined.breaks, slopes, limits), np.broadcast_to(every, (3, len(paths)))[:, rows]
@@ -213,11 +214,17 @@ def _sampled(limits: Array, counts: Sequence[int]) -> tuple[Array, Array, Array]
             ds + t * (dds + t * (jerk / 2)),
             dds + t * jerk,
         )
-    phase = np.repeat(np.arange(7), counts)
-    t = lasting.T[:, phase] * np.concatenate([np.linspace(0.0, 1.0, count) for count in counts])
+    phase, share = _instants(tuple(counts))
+    t = lasting.T[:, phase] * share
     jerk, (s, ds, dds) = jerks.T[:, phase], starts.swapaxes(1, 2)[:, :, phase]
     law = [s + t * (ds + t * (dds / 2 + t * (jerk / 6))), ds + t * (dds + t * (jerk / 2)), dds + t * jerk, jerk]
     return np.array(law), speed, acceleration
+
+
+@cache
+def _instants(counts: tuple[int, ...]) -> tuple[Indices, Array]:
+    """The phase of each instant, and its place from 0 to 1 in it, with so many in each phase."""
+    return np.repeat(np.arange(7), counts), np.concatenate([np.linspace(0.0, 1.0, count) for count in counts])
 
 
 def _fastest_laws(curves: _Curves, stated: Array, rows: Indices, rounds: int, *, ramps_alone: bool = False) -> Array:
