@@ -17,7 +17,7 @@ from hypothesis import settings
 
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.platform.memory import keep_all_so_far
+from sqrp_cli.platform.memory import collect_seldom
 from sqrp_cli.robot.kinematics import RobotModel
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers, which start afterwards; as the command does
@@ -48,7 +48,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def pytest_collection_finish() -> None:
     """Have garbage collected as in a process of the command, many of which run in this one."""
-    keep_all_so_far()
+    collect_seldom()
 
 
 TABLETOP = Path(__file__).parents[1] / "workspaces" / "tabletop"

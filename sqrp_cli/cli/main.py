@@ -9,7 +9,7 @@ from contextlib import suppress
 
 from sqrp_cli.cli.streams import ResultsLost, prepare_streams
 from sqrp_cli.platform.interrupts import heed_signals
-from sqrp_cli.platform.memory import collect_later, collect_no_more
+from sqrp_cli.platform.memory import collect_no_more, collect_seldom
 
 BAD_INPUT = 2
 INTERRUPTED = 130  # as in `ExitCode`, which would take an import
@@ -36,7 +36,7 @@ def run(arguments: list[str]) -> int:
         # What other packages plug into it has no say here, and a look for them takes a while.
         os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
         heed_signals()
-        collect_later()
+        collect_seldom()
         prepare_streams()
         from sqrp_cli.cli.app import execute
 

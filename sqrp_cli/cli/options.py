@@ -12,7 +12,6 @@ from sqrp_cli.cli.command import line
 from sqrp_cli.cli.watch import is_shown_again, last_shown
 from sqrp_cli.document import Document
 from sqrp_cli.errors import InputError, Place, bad_input, bad_option
-from sqrp_cli.platform.memory import keep_all_so_far
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -80,7 +79,6 @@ def check_outputs(outputs: Mapping[str, Path | None], patch_of: PatchingCommand 
 def open_with_warnings(path: Path, seed: int = 0) -> OpenCell:
     """Open a workspace and print its warnings. Raises InputError where `sqrp check` finds errors in it."""
     cell = OpenCell.read(path, seed)
-    keep_all_so_far()
     _print_warnings(cell)
     return cell
 
@@ -110,7 +108,6 @@ def read_program(path: Path, seed: int = 0, *, check: bool = True) -> OpenProgra
     check: whether it must fit its workspace as that is now.
     """
     program = OpenProgram.read(path, seed)
-    keep_all_so_far()
     _print_warnings(program.cell)
     if check:
         program.check()

@@ -6,8 +6,8 @@ import gc
 import sys
 from contextlib import suppress
 
-_NEW_OBJECTS, _FIRST_OBJECTS = 20_000, 200_000
-"""Number of new lists, dicts and records that triggers a garbage collection; the second while a command starts."""
+_NEW_OBJECTS = 200_000
+"""Number of new lists, dicts and records that triggers a garbage collection."""
 
 
 def give_back_memory() -> None:
@@ -19,18 +19,11 @@ def give_back_memory() -> None:
         ctypes.CDLL(None).malloc_trim(0)
 
 
-def collect_later() -> None:
-    """Run no garbage collection while modules are imported and files are read, until `keep_all_so_far`.
+def collect_seldom() -> None:
+    """Run no garbage collection while modules are imported and files are read, and few later.
 
-    Scanning what stays again and again takes a third of the time of a short command.
+    Scanning what stays again and again takes a tenth of the time of a short command.
     """
-    gc.set_threshold(_FIRST_OBJECTS)
-
-
-def keep_all_so_far() -> None:
-    """Exclude all present objects from garbage collection, the first time in a process, and collect new ones seldom."""
-    if gc.get_freeze_count() == 0:  # later, what is no longer used would be kept, too
-        gc.freeze()
     gc.set_threshold(_NEW_OBJECTS)
 
 

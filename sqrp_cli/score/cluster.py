@@ -139,12 +139,10 @@ async def prepare_worker() -> None:
 
 @cache
 def prepare() -> None:
-    """Load the program, and have its objects left out of garbage collection."""
+    """Load the program."""
     import sqrp_cli.score.compute  # noqa: F401
-    from sqrp_cli.platform.memory import keep_all_so_far
     from sqrp_cli.score.kept import program_digest
 
-    keep_all_so_far()
     program_digest()
 
 

@@ -23,7 +23,7 @@ from sqrp_cli.ask.requests import TaskRequest
 from sqrp_cli.errors import Infeasible, InputError, Problem, bad_input
 from sqrp_cli.geometry import matrix_to_quaternion
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.platform.memory import give_back_memory, keep_all_so_far
+from sqrp_cli.platform.memory import give_back_memory
 from sqrp_cli.platform.processes import Worker, WorkerDied, forked
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.record.log import Track
@@ -223,7 +223,6 @@ class _Worker:
             session = Session(session.task, replace(job, plans=Plans()) if keeps else job)
             if keeps:
                 self._task = asked.task, session
-        keep_all_so_far()
         plans, candidates, memory = session.job.plans, session.task.candidates, self._memory
         for candidate in candidates:
             if plans is None or self.pipe.poll():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from weakref import WeakKeyDictionary
 
 from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.errors import Infeasible, InputError
@@ -11,11 +10,7 @@ from sqrp_cli.logic.conditions import UnmetPart
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion, plan_motion
-from sqrp_cli.skill.skill import Skill
 from sqrp_cli.task.task import Candidate, read_task
-
-_unmet: WeakKeyDictionary[World, dict[tuple[str, ...], tuple[Skill, tuple[str, ...]]]] = WeakKeyDictionary()
-"""What is said of a skill with some objects in a world: of all candidates that differ in their settings only."""
 
 
 def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | Infeasible:
@@ -39,15 +34,9 @@ def impossible_start(cell: Cell, candidate: Candidate, world: World, *, contacts
 
 def unmet_preconditions(cell: Cell, candidate: Candidate, world: World) -> tuple[str, ...]:
     """Sentences about the failing parts of the candidate's precondition in a world; empty if it holds."""
-    known, asked = _unmet.setdefault(world, {}), (candidate.skill.name, *candidate.binding.values())
-    if asked not in known or known[asked][0] is not candidate.skill:
-        failing = candidate.lacks(cell.workspace, world.facts)
-        needs = f"`{candidate.skill.name}` needs"
-        known[asked] = (
-            candidate.skill,
-            tuple(f"{needs} `{part}`{_remedy(cell.workspace, world, part)}" for part in failing),
-        )
-    return known[asked][1]
+    needs = f"`{candidate.skill.name}` needs"
+    failing = candidate.lacks(cell.workspace, world.facts)
+    return tuple(f"{needs} `{part}`{_remedy(cell.workspace, world, part)}" for part in failing)
 
 
 def _remedy(workspace: Workspace, world: World, lacking: UnmetPart) -> str:

@@ -12,7 +12,6 @@ import pytest
 
 from sqrp_cli.ask.api.cell import open_cell
 from sqrp_cli.cell.workspace_file import read_workspace_document
-from sqrp_cli.studio import worker
 from sqrp_cli.studio.messages import Asked
 from sqrp_cli.studio.moves import MOST_CHANGES, MOST_KEPT, Draft, DraftChange, Move, written
 from sqrp_cli.studio.worker import _Worker
@@ -23,9 +22,8 @@ FEW = 200
 
 
 @pytest.mark.trial
-def test_rankings_of_before_are_let_go_at_rest(cell, monkeypatch):
+def test_rankings_of_before_are_let_go_at_rest(cell):
     """In this process, of which Python collects no garbage by itself; a thread reads what is answered."""
-    monkeypatch.setattr(worker, "keep_all_so_far", lambda: None)
     pipe, theirs = Pipe()
     computing, told = _Worker(theirs, cell, 0, 1), deque[str]()
 

@@ -15,7 +15,6 @@ from sqrp_cli.cli.options import answer, check_needed, check_outputs, given, pag
 from sqrp_cli.cli.watch import watched
 from sqrp_cli.errors import ExitCode, InputError, Problem, bad_option
 from sqrp_cli.platform.files import check_not_read
-from sqrp_cli.platform.memory import keep_all_so_far
 
 if TYPE_CHECKING:
     from sqrp_cli.score.compute import Computer, Means
@@ -125,7 +124,6 @@ def _scored(
                     check_not_read(outputs.values(), [one.path for one in known.values()])
                     cells.append(cell)
                     advance(1)
-            keep_all_so_far()
             for cell in cells:
                 print_problems(problem for problem in cell.problems if problem.severity == "warning")
                 if cell.workspace is not None and not cell.tasks:
