@@ -22,14 +22,14 @@ all: .venv/installed
 	@touch $@
 
 .venv/run: pyproject.toml constraints.txt | .venv/pyvenv.cfg
-	$(INSTALL) '.[robots,sim,report,place,xacro,bags,ros2,studio]'
+	$(INSTALL) '.[robots,sim,report,place,xacro,bags,recordings,ros2,studio]'
 	@touch .venv/rank $@
 
 # Two at once, without asking what needs what: the constraints are all that is needed, and to build, too.
 # What fails here, the second tells. Made for all processes of the tests at once: bytecode of what they use.
 .venv/installed: pyproject.toml constraints.txt | .venv/pyvenv.cfg
 	@xargs -P 2 -n 18 $(BIN)/pip install --no-compile --quiet --disable-pip-version-check --no-deps < constraints.txt && built=--no-build-isolation; \
-	$(INSTALL) '.[robots,sim,report,place,cluster,planners,xacro,bags,ros2,studio,dev]' $$built
+	$(INSTALL) '.[robots,sim,report,place,cluster,planners,xacro,bags,recordings,ros2,studio,dev]' $$built
 	-@$(BIN)/python -m compileall -qq -j 0 -x '/(tests|OpenGL|pip|mypyc?|setuptools|pyglet|stats|lexers)/' .venv/lib
 	@touch .venv/rank .venv/run $@
 

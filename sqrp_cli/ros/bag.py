@@ -16,7 +16,7 @@ import yaml
 
 from sqrp_cli.errors import InputError, Place, bad_input, needed
 from sqrp_cli.platform.files import naming
-from sqrp_cli.ros.messages import Message, MessageError, Ros, message_types
+from sqrp_cli.ros.messages import Message, MessageError, Ros, message_types, nanoseconds
 
 METADATA = "metadata.yaml"
 """The file of a rosbag2 folder that tells what is in it."""
@@ -120,6 +120,20 @@ class Bag(AbstractContextManager["Bag"]):
         with self._reading():
             for connection, t, data in self._reader.messages(wanted):
                 yield Packed(connection.topic, connection.msgtype, t, data)
+
+    def stamped(
+        self, topics: Collection[str], types: Collection[str], most: int, what: str
+    ) -> Iterator[tuple[Packed, Message, int]]:
+        """Messages with what they say and their stamp [ns], 0 of one without; what: how the error calls them.
+
+        Raises InputError for damage, and for more messages than `most`.
+        """
+        for number, packed in enumerate(self.messages(topics, types)):
+            if number >= most:
+                message = f"this recording has more than {most:,} {what}; cut it to the motion that matters"
+                raise bad_input("file-too-large", message, Place(self.path))
+            read = self.read(packed)
+            yield packed, read, nanoseconds(read.header.stamp) if hasattr(read, "header") else 0
 
     def read(self, packed: Packed) -> Message:
         """What a message says. Raises InputError for one that is not of its type."""

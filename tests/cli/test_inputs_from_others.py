@@ -67,7 +67,7 @@ def test_a_log_is_read_line_by_line_up_to_a_limit_of_each_and_of_all(sqrp, tmp_p
     log = tmp_path / "log"
     log.write_bytes(b"[" * 11_000_000)
     assert_refused(sqrp("run", "--replay", log), f"{log}:1: ", "1,000,000 lines of 10,000,000 bytes")
-    from sqrp_cli.run.record import log as module
+    from sqrp_cli.recording import texts as module
 
     monkeypatch.setattr(module, "MAX_LINES", 2)
     first = {"t": 0.0, "event": "run", "sqrp_log": 1, "workspace": "cell", "digest": "d", "cameras": []}

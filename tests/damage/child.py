@@ -25,7 +25,7 @@ _WAIT, _MEMORY = 120, 3 << 30
 
 _SOURCES = (
     "sqrp_cli", "cv2", "distributed", "mujoco", "coal", "pinocchio", "ompl", "eaik", "embreex", "PIL", "ruamel",
-    "fast_simplification", "rich", "yaml", "pydantic", "numpy", "ruckig", "rosbags", "apsw", "backports",
+    "fast_simplification", "rich", "yaml", "pydantic", "numpy", "ruckig", "rosbags", "apsw", "backports", "pyarrow",
 )  # fmt: skip
 
 _modules: list[str] = []

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from array import array
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
@@ -15,8 +14,8 @@ from sqrp_cli.field.audit.footage import FolderFootage, Frame, planned_at
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.program.record import Program, Step
-from sqrp_cli.ros.bag import Bag, Packed, RecordedTopic
-from sqrp_cli.ros.messages import Message, nanoseconds
+from sqrp_cli.recording.bags import JOINTS, MOST_STATES, joint_tracks
+from sqrp_cli.ros.bag import Bag, RecordedTopic
 from sqrp_cli.run.image import CameraImage, check_image_sizes
 from sqrp_cli.run.monitor.nominal_step import planned_joints
 from sqrp_cli.run.record.bag_recorder import AS_PLANNED
@@ -25,11 +24,8 @@ from sqrp_cli.run.record.packed_image import image_of
 IMAGES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
 """Types of images; the first one is taken where a camera has both."""
 PACKED = "/compressed"  # ends the topics of packed images, whose stream has the same name without it
-JOINTS = "sensor_msgs/msg/JointState"
 STRAYS = 0.05
 """A robot that is farther than this [rad or m] from where the program wants it does not do as planned any more."""
-MOST_STATES = 2_000_000
-"""Most joint states that are read: those of an hour at 500 Hz."""
 MOST_FRAMES = 1_000_000
 """Most images that are looked at."""
 
@@ -80,26 +76,17 @@ class BagFootage:
 
     def _index(self, bag: Bag) -> None:
         """Find when each image was taken, all joint states, and when a run of SQRP told whether it went as planned."""
-
-        def at_most(
-            topics: Collection[str], types: Collection[str], most: int, what: str
-        ) -> Iterator[tuple[int, Packed, Message, float]]:
-            """Messages with their time [s], that of their arrival where they have none."""
-            for number, packed in enumerate(bag.messages(topics, types)):
-                if number >= most:
-                    message = f"this recording has more than {most:,} {what}; cut it to the run of the program"
-                    raise bad_input("file-too-large", message, Place(bag.path))
-                read = bag.read(packed)
-                stamp = nanoseconds(read.header.stamp) if hasattr(read, "header") else 0
-                yield number, packed, read, (stamp or packed.t) * 1e-9
-
-        images = at_most(self._topics, IMAGES, MOST_FRAMES, "images")
-        frames = [Frame(self._topics[packed.topic], t, number) for number, packed, _, t in images]
+        images = enumerate(bag.stamped(self._topics, IMAGES, MOST_FRAMES, "images"))
+        frames = [Frame(self._topics[packed.topic], (t or packed.t) * 1e-9, n) for n, (packed, _, t) in images]
         self.frames: Sequence[Frame] = sorted(frames, key=lambda frame: (frame.t, frame.camera))
-        joints = at_most([one.name for one in bag.topics], [JOINTS], MOST_STATES, "joint states")
-        self._tracks = joint_tracks((packed.topic, t, read.name, read.position) for _, packed, read, t in joints)
-        changes = at_most([AS_PLANNED], ["std_msgs/msg/Bool"], MOST_FRAMES, "changes of the plan")
-        self._told = sorted((packed.t * 1e-9, bool(read.data)) for _, packed, read, _ in changes)
+        joints = bag.stamped([one.name for one in bag.topics], [JOINTS], MOST_STATES, "joint states")
+        states = ((packed.topic, (t or packed.t) * 1e-9, read.name, read.position) for packed, read, t in joints)
+        tracks = joint_tracks(states)
+        self._tracks = dict[str, tuple[Array, Array]]()
+        for (_, name), track in sorted(tracks.items(), key=lambda one: -len(one[1][0])):
+            self._tracks.setdefault(name, track)  # of a joint on several topics that with the most states counts
+        changes = bag.stamped([AS_PLANNED], ["std_msgs/msg/Bool"], MOST_FRAMES, "changes of the plan")
+        self._told = sorted((packed.t * 1e-9, bool(read.data)) for packed, read, _ in changes)
 
     def joints(self, t: Array) -> Mapping[str, Array]:
         """As recorded; those of a gripper that nobody recorded are as the program wants them."""
@@ -201,31 +188,11 @@ _BLOCK = 4096
 """Starts that are tried at once."""
 
 
-JointTracks: TypeAlias = Mapping[str, tuple[Array, Array]]
+Tracks: TypeAlias = Mapping[str, tuple[Array, Array]]
 """Where joints were, as recorded: by name, times of the robot's clock [s] and positions, (n,); linear in between."""
 
 
-def joint_tracks(states: Iterable[tuple[str, float, Sequence[str], Sequence[float]]]) -> JointTracks:
-    """Where joints were; states: topic, time [s], names and positions; what is missing or not finite is left out.
-
-    Of a joint on several topics that with the most states counts.
-    """
-    points: dict[tuple[str, str], tuple[array[float], array[float]]] = {}
-    for topic, t, names, positions in states:
-        for name, position in zip(names, positions, strict=False):
-            if np.isfinite(position):
-                times, values = points.setdefault((topic, name), (array("d"), array("d")))
-                times.append(t)
-                values.append(float(position))
-    found: dict[str, tuple[Array, Array]] = {}
-    for (_, name), (times, values) in points.items():
-        if len(times) > len(found.get(name, ((), ()))[0]):
-            order, first = np.unique(np.array(times), return_index=True)
-            found[name] = (order, np.array(values)[first])
-    return found
-
-
-def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path: Path) -> tuple[list[float], int]:
+def found_steps(program: Program, arm: Sequence[str], tracks: Tracks, path: Path) -> tuple[list[float], int]:
     """Find a program's motion in a recording; arm: the joints to go by.
 
     Returns when each step began, by the robot's clock [s], and how many times all of its steps are there, one after the
@@ -265,7 +232,7 @@ def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path:
 
 
 def _best_start(
-    step: Step, columns: Sequence[int], arm: Sequence[str], tracks: JointTracks, span: TimeInterval
+    step: Step, columns: Sequence[int], arm: Sequence[str], tracks: Tracks, span: TimeInterval
 ) -> tuple[float, float, list[float]]:
     """The first start of a step [s] from which on the robot follows it for the longest time.
 

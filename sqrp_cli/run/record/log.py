@@ -6,28 +6,20 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
-from sqrp_cli.errors import InputError, Place, bad_input
-from sqrp_cli.files.input_file import open_input
-from sqrp_cli.files.json_file import json_name, parse_json
-from sqrp_cli.files.source import describe
-from sqrp_cli.files.units import LARGEST
+from sqrp_cli.errors import Place
+from sqrp_cli.files.json_file import json_name
 from sqrp_cli.geometry import Array
 from sqrp_cli.platform.files import naming
+from sqrp_cli.recording.texts import log_lines, no_log
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.record.events import KINDS, VERSION, WHOLE_STATE, Event, Listener, event
 from sqrp_cli.run.record.report import Confusion, RunReport
 
-MAX_BYTES = 200_000_000
-"""Largest log that is read; with six cameras a second of a run takes some 7 kB, so this is eight hours."""
-MAX_LINE, MAX_LINES = 10_000_000, 1_000_000
-"""Most bytes of a line of a log that is read, and most lines."""
 SLACK = 0.01
 """Largest step back between events [s], since the simulation's clock is discrete."""
 
@@ -59,10 +51,10 @@ def read_log(path: Path) -> Iterator[Event]:
     Raises InputError, with the line, for anything but a log.
     """
     before, joints, place = 0.0, None, None
-    for place, fields in _lines(path):
+    for place, fields in log_lines(path):
         t, kind = float(fields["t"]), fields["event"]
         if place.line == 1 and (kind, fields.get("sqrp_log")) != ("run", VERSION):
-            raise _no_log("this is no log of `sqrp run --log`, or one of another version", place)
+            raise no_log("this is no log of `sqrp run --log`, or one of another version", place)
         found: Event | None = None
         try:
             if kind == "report":
@@ -75,7 +67,7 @@ def read_log(path: Path) -> Iterator[Event]:
             first = error.errors()[0]
             name, message = json_name(first["loc"]).removeprefix("report."), first["msg"]
             problem = f"this `{kind}` is no event of a log: `{name}`: {message[0].lower()}{message[1:]}"
-            raise _no_log(problem, place) from None
+            raise no_log(problem, place) from None
         if found is not None and kind == "report":
             report: RunReport = found.report
             if report.prediction and not report.usual:  # of an earlier version, which knew of no usual images
@@ -91,51 +83,18 @@ def read_log(path: Path) -> Iterator[Event]:
             )
             if shown != asked:
                 problem = "the report at the end of this log has other literals under `usual` than under `prediction`"
-                raise _no_log(problem, place)
+                raise no_log(problem, place)
         if found is not None and kind == "state":
             joints = len(found.joints) if joints is None else joints
             if "q" in found.model_fields_set and len(found.q) != joints:
-                raise _no_log(f"this state has {len(found.q)} positions `q` of {joints} joints", place)
+                raise no_log(f"this state has {len(found.q)} positions `q` of {joints} joints", place)
         if t < before - SLACK:
-            raise _no_log(f"this event is at {t:g} s, before that of the line above", place)
+            raise no_log(f"this event is at {t:g} s, before that of the line above", place)
         before = max(before, t)
         if found is not None:
             yield found
     if place is None:
-        raise _no_log("this log is empty", Place(path))
-
-
-def _lines(path: Path) -> Iterator[tuple[Place, Mapping[str, Any]]]:
-    """The fields of each line of a log, with its time `t` [s] and kind `event`; one that was cut off ends it."""
-    with open_input(path, MAX_BYTES) as file:
-        for number, line in enumerate(iter(partial(file.readline, MAX_LINE + 1), b""), 1):
-            place = Place(path, number)
-            if len(line) > MAX_LINE or number > MAX_LINES:
-                message = f"this log is too large: the limit is {MAX_LINES:,} lines of {MAX_LINE:,} bytes"
-                raise bad_input("file-too-large", message, place)
-            try:
-                document = parse_json(path, line.decode("utf-8"), number)
-            except UnicodeDecodeError as error:
-                raise _no_log("this is no log of `sqrp run --log`: it is not UTF-8 text", place) from error
-            except InputError as error:
-                if number == 1:
-                    raise _no_log("this is no log of `sqrp run --log`: its first line is no JSON", place) from error
-                if not line.endswith(b"\n") and error.problems[0].code == "json-syntax":
-                    return
-                raise
-            what = "this line is no event of a log"
-            if not isinstance(document, dict):
-                raise _no_log(f"{what}: found {describe(document)}, expected a mapping", place)
-            t, kind = document.get("t"), document.get("event")
-            if isinstance(t, bool) or not isinstance(t, int | float) or abs(t) > LARGEST:
-                raise _no_log(f"{what}: `t` is {describe(t)}, expected a number of seconds", place)
-            if not isinstance(kind, str):
-                raise _no_log(f"{what}: `event` is {describe(kind)}, expected its kind", place)
-            yield place, document
-
-
-def _no_log(message: str, place: Place) -> InputError:
-    return bad_input("no-log", message, place, mend="make one: sqrp run PROGRAM --sim --log FILE")
+        raise no_log("this log is empty", Place(path))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,9 @@ import pytest
 from sqrp_cli.camera.projection import Projection
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError
-from sqrp_cli.field.audit.bag_footage import JointTracks, found_steps, joint_tracks
+from sqrp_cli.field.audit.bag_footage import Tracks, found_steps
 from sqrp_cli.field.audit.camera_fit import SeenEdges
+from sqrp_cli.recording.bags import joint_tracks
 from sqrp_cli.trajectory import Trajectory
 from tests.run.steps import played
 
@@ -43,7 +44,7 @@ def position(runs: list[tuple[float, Any, float]], t: np.ndarray) -> np.ndarray:
     return q
 
 
-def recorded(runs: list[tuple[float, Any, float]], rate: float = 50.0, end: float = 20.0) -> JointTracks:
+def recorded(runs: list[tuple[float, Any, float]], rate: float = 50.0, end: float = 20.0) -> Tracks:
     """Joint states, each joint on a topic of its own and a little later than the other."""
     states, rng = [], np.random.default_rng(0)
     for column, name in enumerate(ARM):
@@ -51,7 +52,7 @@ def recorded(runs: list[tuple[float, Any, float]], rate: float = 50.0, end: floa
         q = position(runs, t)[:, column] + rng.normal(0.0, 1e-4, len(t))
         for time, value in zip(t, q, strict=True):
             states.append((f"/{name}", time, [name, "finger"], [value, float("nan")]))
-    return joint_tracks(states)
+    return {name: track for (_, name), track in joint_tracks(states).items()}
 
 
 HOME, TWICE = moved([0.6, -0.4], [0.0, 0.0], 2.0), [(2.0, OUT, 1.0), (6.0, BACK, 1.0), (10.0, OUT, 1.0)]

@@ -1,0 +1,1 @@
+"""Files of somebody's motion come in; joint positions over time, episode by episode, go out."""

@@ -1,0 +1,109 @@
+"""Joint states of a ROS bag: MCAP, rosbag2 or ROS 1, on one topic or several, whole or a few names at a time."""
+
+from __future__ import annotations
+
+from array import array
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from sqrp_cli.errors import Place, bad_input, expected_names, first_names
+from sqrp_cli.geometry import Array
+from sqrp_cli.recording.episode import MOST_NUMBERS, STEP_BACK, Episode, Recording, episode_of, recording
+from sqrp_cli.ros.bag import Bag, check_kind
+
+JOINTS = "sensor_msgs/msg/JointState"
+MOST_STATES = 2_000_000
+"""Most joint states that are read: those of an hour at 500 Hz."""
+STANDARD = "/joint_states"
+"""The topic on which the states of a whole robot usually are."""
+LEAST_SHARE = 0.5
+"""Of the longest time for which a joint is known."""
+
+JointTracks: TypeAlias = Mapping[tuple[str, str], tuple[Array, Array]]
+"""Where joints were, as recorded: by topic and name, times of a clock [s] and positions, (n,); linear in between."""
+
+
+def joint_tracks(states: Iterable[tuple[str, float, Sequence[str], Sequence[float]]]) -> JointTracks:
+    """Where joints were; states: topic, time [s], names and positions; what is missing or not finite is left out."""
+    points: dict[tuple[str, str], tuple[array[float], array[float]]] = {}
+    for topic, t, names, positions in states:
+        for name, position in zip(names, positions, strict=False):
+            if np.isfinite(position):
+                times, values = points.setdefault((topic, name), (array("d"), array("d")))
+                times.append(t)
+                values.append(float(position))
+    found: dict[tuple[str, str], tuple[Array, Array]] = {}
+    for key, (times, values) in points.items():
+        order, first = np.unique(np.array(times), return_index=True)
+        found[key] = (order, np.array(values)[first])
+    return found
+
+
+def open_bag(path: Path, rate: float | None, signal: str | None) -> Recording:
+    """The joint states of a bag, which is one episode; signal: the topic, by default all.
+
+    A name that several topics have is that of `STANDARD`; on others it is led by its topic, as in `left/joint_1`.
+    States count at their stamps, at their arrival if some have none. All are brought to the times of the joint with the
+    most states, linearly, where all are known; a joint that is known for less than `LEAST_SHARE` is left out.
+    """
+    check_kind(path)
+    tracks = _tracks(path, signal)
+    several = Counter(name for _, name in tracks)
+    named = {
+        name if several[name] == 1 or topic == STANDARD else f"{topic.strip('/').removesuffix(STANDARD)}/{name}": track
+        for (topic, name), track in tracks.items()
+    }
+    spans = {name: float(t[-1] - t[0]) for name, (t, _) in named.items()}
+    kept = {name: track for name, track in named.items() if spans[name] >= LEAST_SHARE * max(spans.values())}
+    clock = max((t for t, _ in kept.values()), key=len)
+    clock = clock[(clock >= max(t[0] for t, _ in kept.values())) & (clock <= min(t[-1] for t, _ in kept.values()))]
+    if not len(clock):
+        message = f"the states of {first_names([*kept])} are never known at one time; expected all on one clock"
+        raise bad_input("wrong-clock", message, Place(path))
+    values = np.column_stack([np.interp(clock, *track) for track in kept.values()])
+    read = episode_of(clock, values, [*kept], Place(path), "this bag", rate)
+    left = [f"`{name}` is known for {spans[name]:.2f} s only and is left out" for name in spans if name not in kept]
+    episode = Episode(read.times, read.values, (*read.told, *left))
+    return recording(path, "bag", [*kept], lambda _: episode, dict.fromkeys(kept, "rad"), rate=rate)
+
+
+def _tracks(path: Path, signal: str | None) -> JointTracks:
+    """The tracks of a bag. Raises InputError without any, for clocks that go back, and counts that do not fit."""
+    with Bag(path) as bag:
+        topics = [topic.name for topic in bag.topics if topic.type == JOINTS and topic.messages]
+        chosen = [topic for topic in topics if signal in (None, topic)]
+        count = without = 0  # of states, and of those without a stamp
+
+        def states(*, arrived: bool) -> Iterator[tuple[str, float, Sequence[str], Sequence[float]]]:
+            nonlocal count, without
+            latest, numbers = dict.fromkeys(chosen, -np.inf), 0
+            for packed, state, stamp in bag.stamped(chosen, [JOINTS], MOST_STATES, "joint states"):
+                t = (packed.t if arrived else stamp or packed.t) * 1e-9
+                count, without, numbers = count + 1, without + (not stamp), numbers + len(state.position)
+                wrong = None
+                if len(state.position) not in (0, len(state.name)):  # 0: velocities alone
+                    wrong = f"has {len(state.position):,} positions for {len(state.name):,} names; expected as many"
+                elif numbers > MOST_NUMBERS:
+                    wrong = f"is beyond {MOST_NUMBERS:,} positions of joints; expected one motion"
+                elif t < latest[packed.topic] - STEP_BACK:
+                    wrong = (
+                        f"is {latest[packed.topic] - t:.3g} s before an earlier one; expected the clock of one motion"
+                    )
+                if wrong:
+                    raise bad_input(
+                        "wrong-states", f"a state on `{packed.topic}` {wrong}", Place(path), mend="cut the bag"
+                    )
+                latest[packed.topic] = max(t, latest[packed.topic])
+                yield packed.topic, t, state.name, state.position
+
+        tracks = joint_tracks(states(arrived=False))
+        if 0 < without < count:
+            tracks = joint_tracks(states(arrived=True))
+    if not tracks:
+        found = f"on `{signal}`; {expected_names(signal, topics)}" if signal else f"that is a {JOINTS} with positions"
+        raise bad_input("no-joints", f"this bag has no joint state {found}", Place(path))
+    return tracks

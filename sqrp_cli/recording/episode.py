@@ -1,0 +1,117 @@
+"""What a recording is, and what becomes of clocks that jitter, repeat, step back or pause."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from sqrp_cli.errors import Place, bad_input
+from sqrp_cli.geometry import Array
+from sqrp_cli.records import dataclass
+
+MOST_NUMBERS, MOST_NAMES = 20_000_000, 1000
+"""Most numbers that are in memory at once, those of 20 joints at 100 Hz for nearly three hours; most names."""
+STEP_BACK, LONGEST = 0.1, 12 * 3600.0
+"""A clock that goes back by more [s] is not that of one motion, nor is one that spans more [s]."""
+GAP, GAP_STEPS = 0.5, 5.0
+"""A pause between states is told from this on [s], if it is as many usual steps, too."""
+HELD = "held"
+"""A name of programs and logs beside their joints: 1 while the tool holds something, else 0."""
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """One motion; between two times its values are linear.
+
+    times: strictly rising from 0, shape (T,) [s]. values: as they are stored, shape (T, N), a column for each name of
+    the recording. told: what was done to its clock or is doubtful in it, in sentences; empty for a clean one.
+    """
+
+    times: Array
+    values: Array
+    told: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A recording that can be read, episode by episode, as often as asked for.
+
+    rate: of its states [Hz], stated or the usual one of its first episode. units: of each name, `rad` (or m, of joints
+    that slide), `deg` or `percent`; "" where the file does not tell. episodes: their names. read: gives one by its
+    number, from 0, and keeps only the last one in memory; raises InputError for damage.
+    """
+
+    path: Path
+    kind: str
+    names: tuple[str, ...]
+    rate: float
+    units: Mapping[str, str]
+    episodes: tuple[str, ...]
+    read: Callable[[int], Episode]
+
+
+def recording(
+    path: Path,
+    kind: str,
+    names: Sequence[str],
+    read: Callable[[int], Episode],
+    units: Mapping[str, str],
+    episodes: Sequence[str] = ("0",),
+    rate: float | None = None,
+) -> Recording:
+    """A recording that was opened; units: where known. Raises InputError without joints or episodes, for odd names."""
+    if not names or not episodes:
+        raise bad_input("empty-recording", f"this {kind} has no {'episodes' if names else 'joints'}", Place(path))
+    if len({*names}) < len(names) or len(names) > MOST_NAMES:
+        message = (
+            f"this {kind} has {len(names):,} columns with {len({*names}):,} names; expected a name of its own for each"
+        )
+        raise bad_input("wrong-columns", f"{message}, {MOST_NAMES:,} at most", Place(path))
+    read = lru_cache(maxsize=1)(read)
+    if rate is None:
+        steps = np.diff(read(0).times)
+        rate = 1.0 / float(np.median(steps)) if len(steps) else 1.0
+    return Recording(path, kind, tuple(names), rate, dict.fromkeys(names, "") | {**units}, tuple(episodes), read)
+
+
+def episode_of(
+    times: Array, values: Array, names: Sequence[str], place: Place, what: str, rate: float | None = None
+) -> Episode:
+    """An episode of states as a file has them, in its order; what: how messages call it.
+
+    times: on any clock [s], shape (T,). values: shape (T, N). rate: of a stated rate [Hz] the times do not count.
+
+    Jitter stays: each state counts at its own time. Of states at one time the first one counts; those that are up to
+    `STEP_BACK` before an earlier one are put in order. Pauses are told. Raises InputError without states, for numbers
+    that are not finite, for a clock that goes back, repeats more than half of its times or spans more than `LONGEST`.
+    """
+    if not len(values):
+        raise bad_input("empty-recording", f"{what} has no states", place)
+    times = times if rate is None else np.arange(len(values)) / rate
+    if len(wrong := np.argwhere(~np.isfinite(np.column_stack([times, values])))):
+        name = ("its time", *(f"`{name}`" for name in names))[wrong[0, 1]]
+        message = f"{what}: of state {wrong[0, 0] + 1:,}, {name} is no finite number, the first of {len(wrong):,}"
+        raise bad_input("not-finite", message, place, mend="leave out the states that are not known")
+    back = np.maximum.accumulate(times) - times
+    rising, first = np.unique(times, return_index=True)
+    steps, twice, late = np.diff(rising), len(times) - len(rising), np.count_nonzero(back)
+    wrong_clock = [
+        (back.max() > STEP_BACK, f"goes back by {back.max():.3g} s at state {np.argmax(back) + 1:,}"),
+        (2 * twice > len(times), f"gives {twice:,} of {len(times):,} states the time of another one"),
+        (rising[-1] - rising[0] > LONGEST, f"spans {(rising[-1] - rising[0]) / 3600:,.0f} hours"),
+    ]
+    if told := [said for holds, said in wrong_clock if holds]:
+        message = f"{what}: its clock {told[0]}; expected that of one motion"
+        mend = "cut the recording, or state its rate, so that its times do not count"
+        raise bad_input("wrong-clock", message, place, mend=mend)
+    told = [f"{twice:,} states have the time of another one and are left out"] if twice else []
+    told += [f"{late:,} states came late and are put in order"] if late else []
+    pauses = np.flatnonzero(steps > max(GAP, GAP_STEPS * np.median(steps))) if len(steps) else ()
+    if len(pauses):
+        at = pauses[np.argmax(steps[pauses])]
+        begin = rising[at] - rising[0]
+        told += [f"{len(pauses):,} pauses without states, the longest of {steps[at]:.2f} s from {begin:.2f} s on"]
+    return Episode(rising - rising[0], np.asarray(values, dtype=float)[first], tuple(told))

@@ -1,0 +1,223 @@
+"""Motions as text: tables, joint trajectories of ROS as YAML, our program files and the logs of our runs."""
+
+from __future__ import annotations
+
+import re
+from array import array
+from collections.abc import Callable, Iterator, Mapping
+from datetime import datetime
+from functools import partial
+from io import TextIOWrapper
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sqrp_cli.errors import InputError, Place, bad_input, first_names
+from sqrp_cli.files.input_file import open_input
+from sqrp_cli.files.json_file import parse_json
+from sqrp_cli.files.source import KeyPath, describe
+from sqrp_cli.files.units import LARGEST, as_number
+from sqrp_cli.files.yaml_file import read_yaml
+from sqrp_cli.geometry import Array
+from sqrp_cli.program.file import load_program
+from sqrp_cli.program.joint_trajectory import points
+from sqrp_cli.recording.episode import HELD, MOST_NUMBERS, Episode, Recording, episode_of, recording
+
+MAX_BYTES = 200_000_000
+"""Largest log or table that is read; with six cameras a second of a run takes some 7 kB, so this is eight hours."""
+MAX_LINE, MAX_LINES = 10_000_000, 1_000_000
+"""Most bytes of a line of a log that is read, and most lines."""
+_LONGEST_LINE = 1_000_000
+"""Most characters of a line of a table; what is behind them is taken for the next one, which will not fit."""
+RATE = 100.0
+"""Of the states that are read of a program [Hz], whose motion is exact; there are more where a primitive begins."""
+_WITHIN: tuple[KeyPath, ...] = ((), ("joint_trajectory",), ("trajectory",), ("trajectory", "joint_trajectory"))
+"""Where a file may have its trajectory: alone, of MoveIt, and as the goal of an action."""
+_TIME = re.compile(
+    r"(?i)(time|time_?stamp|stamp|t|secs?|seconds|time_from_start)[\s_]*[(\[]?(ns|us|µs|ms|s|secs?)?[)\]]?"
+)
+_EPISODE = re.compile(r"(?i)episode(_?(index|id|number))?")
+_DIVISORS = {"ns": 1e9, "us": 1e6, "µs": 1e6, "ms": 1e3}
+_UNITS = {"deg": r"(?i)\bdeg|_deg|°", "rad": r"(?i)\brad|_rad", "percent": r"(?i)%|percent"}
+_RAPID, _UNUSED = re.compile(r"(?i)(.*[._])?(rax_\d|eax_[a-f])"), 8.9e9
+"""Axes as RAPID names them, in degrees; it writes 9E9 for those that are not there."""
+_NUMBERED, _TURN = re.compile(r"(?i)(j|joint|a|axis|q)[\s_]?\d"), 6.4
+"""Joints that are numbered are in degrees if any of them goes beyond this: hardly one turns so far [rad]."""
+_OURS = "position_"
+"""Leads the positions in our own tables, which have velocities and accelerations, too."""
+
+
+def open_table(path: Path, rate: float | None, _signal: str | None) -> Recording:
+    """A table; with a column `episode_index` it has several episodes, one after the other.
+
+    Columns are divided by `;`, tabs, `,`, `|` or blanks, whichever the line of names has; where that is no comma,
+    numbers may have decimal commas. Lines that begin with `#` or `%` are left out. The column `time`, `t`, `timestamp`
+    or the like has seconds, unless it says otherwise, as in `time_ms` or `Time [ms]`, or dates as in ISO 8601. All
+    other columns of numbers are joints. Raises InputError, with the line, for what is no number.
+    """
+    columns, where = _columns(path), Place(path)
+    clock, chapter = (next(filter(pattern.fullmatch, columns), None) for pattern in (_TIME, _EPISODE))
+    if clock is None and rate is None:
+        message = f"this table has {first_names([*columns])}; expected a column of times as well"
+        raise bad_input("wrong-columns", message, where, mend="name that of times `time`, in seconds, or state a rate")
+    joints = [name for name, column in columns.items() if name not in (clock, chapter) and not (column > _UNUSED).all()]
+    ours = [name for name in joints if name.startswith(_OURS)]
+    joints = [*ours, *({HELD} & {*joints})] if ours else joints
+    names = [name.removeprefix(_OURS) if ours else name for name in joints]
+    numbered = [name for name in joints if _NUMBERED.fullmatch(name)]
+    turns = any(np.abs(columns[name]).max(initial=0.0) > _TURN for name in numbered)
+    units = {name: "deg" for name in names if _RAPID.fullmatch(name) or (turns and name in numbered)}
+    units |= {name: unit for unit, said in _UNITS.items() for name in names if re.search(said, name)}
+    units |= {name.removeprefix(_OURS): "rad" for name in ours}
+    column = columns[chapter] if chapter is not None else np.zeros(len(next(iter(columns.values()))))
+    starts = [0, *(np.flatnonzero(np.diff(column)) + 1).tolist(), len(column)]
+
+    def read(episode: int) -> Episode:
+        part = slice(*starts[episode : episode + 2])
+        values = np.array([columns[name][part] for name in joints]).T
+        times = columns[clock][part] if clock is not None else np.zeros(len(values))
+        return episode_of(times, values, names, where, f"episode {episode}" if chapter else "this table", rate)
+
+    return recording(path, "table", names, read, units, [f"{number:g}" for number in column[starts[:-1]]], rate)
+
+
+def _columns(path: Path) -> Mapping[str, Array]:
+    """The columns of numbers of a table by name, (n,) each, that of times in seconds; text is left out."""
+    at, divider, commas = 0, None, False
+    with open_input(path, MAX_BYTES) as file, TextIOWrapper(file, "utf-8-sig", errors="replace") as text:
+
+        def lines() -> Iterator[str]:
+            nonlocal at
+            for line in iter(partial(text.readline, _LONGEST_LINE), ""):
+                at += 1
+                if line.strip() and line.lstrip()[0] not in "#%":
+                    yield line.replace(",", ".") if commas else line
+
+        def cells(line: str) -> list[str]:
+            return line.split() if divider is None else [cell.strip(' "\n') for cell in line.split(divider)]
+
+        try:
+            rows = lines()
+            head = next(rows, "")
+            divider = next((one for one in ";\t,|" if one in head), None)
+            commas = divider != ","
+            names, first = cells(head), next(rows, "")
+            used: dict[int | str, Callable[[str], float]] = {}
+            for index, (name, cell) in enumerate(zip(names, cells(first), strict=False)):
+                if name == HELD:
+                    used[index] = lambda cell: float(cell.strip() not in ("", "0"))
+                elif not np.isnan(as_number(cell)) or cell.lower() == "nan":
+                    used[index] = float
+                elif _TIME.fullmatch(name):
+                    used[index] = lambda cell: datetime.fromisoformat(cell.strip()).timestamp()
+            chosen = [index for index in range(len(names)) if index in used]
+            if not first or not chosen or len({names[index] for index in chosen}) < len(chosen):
+                raise ValueError("no numbers, or a name twice")
+            most = MOST_NUMBERS // len(chosen)
+            numbers = partial(np.loadtxt, delimiter=divider, quotechar='"', comments=None, ndmin=2, max_rows=most + 1)
+            table = numbers(chain([first], rows), usecols=chosen, converters=used)
+            if len(table) > most:
+                raise ValueError(f"more than {most:,} lines")
+        except ValueError as error:
+            told = str(error).partition(" at row ")[0][:100]
+            message = (
+                f"this is no line of a table: {told}; expected names in the first one, then numbers in each column"
+            )
+            raise bad_input("wrong-columns", message, Place(path, at)) from error
+    found = {names[index]: column for index, column in zip(chosen, table.T, strict=True)}
+    clocks = {name: match[2] or "s" for name in found if (match := _TIME.fullmatch(name))}
+    return found | {name: found[name] / _DIVISORS.get(unit.lower(), 1.0) for name, unit in clocks.items()}
+
+
+def open_trajectory(path: Path, rate: float | None, _signal: str | None) -> Recording:
+    """A trajectory_msgs/JointTrajectory, alone or in a message that has one. Raises InputError with the place."""
+    document = read_yaml(path, keys=("joint_names", "points", "joint_trajectory", "trajectory"))
+    at = next((at for at in _WITHIN if document.at((*at, "points")) is not None), ())
+    names, rows = (document.at((*at, key)) for key in ("joint_names", "points"))
+    if not isinstance(names, list) or not isinstance(rows, list):
+        raise document.error("wrong-value", at, "expected the lists `joint_names` and `points`")
+    names, times, values = [*map(str, names)], np.zeros(len(rows)), np.zeros((len(rows), len(names)))
+    for index, row in enumerate(rows):
+        try:
+            since, positions = row["time_from_start"], np.array(row["positions"], dtype=float)
+            if isinstance(since, dict):  # of ROS 1, or of ROS 2
+                named = {"sec": since.get("secs", "?"), "nanosec": since.get("nsecs", 0), **since}
+                since = float(named["sec"]) + 1e-9 * float(named["nanosec"])
+            times[index], values[index] = float(since), positions.reshape(len(names))
+        except (KeyError, TypeError, ValueError) as error:
+            message = (
+                f"expected {len(names)} numbers in `positions`, as in `joint_names`, and seconds in `time_from_start`"
+            )
+            raise document.error("wrong-value", (*at, "points", index), message) from error
+    return _alone(path, "joint trajectory", names, times, values, rate)
+
+
+def open_program(path: Path, rate: float | None, _signal: str | None) -> Recording:
+    """The motion of a program, exactly at times of a rate, by default `RATE`, and where parts begin; and `HELD`."""
+    program = load_program(path)
+    found = [*points(program, rate or RATE)] if program.steps else []
+    values = np.array([[*point.q, float(point.held is not None)] for point in found])
+    return _alone(path, "program", [*program.joints, HELD], np.array([point.time for point in found]), values, None)
+
+
+def open_log(path: Path, rate: float | None, _signal: str | None) -> Recording:
+    """Where the robot was during a run, by its log, and `HELD`. Raises InputError."""
+    names, q, held = list[str](), list[float](), None
+    states, times = array("d"), array("d")
+    for place, event in log_lines(path):
+        if event["event"] == "state" and len(states) < MOST_NUMBERS:
+            names, q, held = names or event.get("joints", []), event.get("q", q), event.get("held", held)
+            try:
+                states.extend([*map(float, q), float(held is not None)])
+                times.append(event["t"])
+                if len(states) != len(times) * (len(names) + 1):
+                    raise ValueError
+            except (TypeError, ValueError) as error:
+                raise no_log("this state has not as many positions `q` as there are `joints`", place) from error
+    names = [*map(str, names), HELD]
+    return _alone(path, "log", names, np.array(times), np.array(states).reshape(-1, len(names)), rate)
+
+
+def _alone(path: Path, kind: str, names: list[str], times: Array, values: Array, rate: float | None) -> Recording:
+    """A recording with one episode, in SI."""
+    episode = episode_of(times, values, names, Place(path), f"this {kind}", rate)
+    return recording(path, kind, names, lambda _: episode, {name: "rad" for name in names if name != HELD}, rate=rate)
+
+
+def log_lines(path: Path) -> Iterator[tuple[Place, Mapping[str, Any]]]:
+    """The fields of each line of a log, with its time `t` [s] and kind `event`; one that was cut off ends it.
+
+    Raises InputError, with the line, for anything but a log.
+    """
+    with open_input(path, MAX_BYTES) as file:
+        for number, line in enumerate(iter(partial(file.readline, MAX_LINE + 1), b""), 1):
+            place = Place(path, number)
+            if len(line) > MAX_LINE or number > MAX_LINES:
+                message = f"this log is too large: the limit is {MAX_LINES:,} lines of {MAX_LINE:,} bytes"
+                raise bad_input("file-too-large", message, place)
+            try:
+                document = parse_json(path, line.decode("utf-8"), number)
+            except UnicodeDecodeError as error:
+                raise no_log("this is no log of `sqrp run --log`: it is not UTF-8 text", place) from error
+            except InputError as error:
+                if number == 1:
+                    raise no_log("this is no log of `sqrp run --log`: its first line is no JSON", place) from error
+                if not line.endswith(b"\n") and error.problems[0].code == "json-syntax":
+                    return
+                raise
+            what = "this line is no event of a log"
+            if not isinstance(document, dict):
+                raise no_log(f"{what}: found {describe(document)}, expected a mapping", place)
+            t, kind = document.get("t"), document.get("event")
+            if isinstance(t, bool) or not isinstance(t, int | float) or abs(t) > LARGEST:
+                raise no_log(f"{what}: `t` is {describe(t)}, expected a number of seconds", place)
+            if not isinstance(kind, str):
+                raise no_log(f"{what}: `event` is {describe(kind)}, expected its kind", place)
+            yield place, document
+
+
+def no_log(message: str, place: Place) -> InputError:
+    """The error of a file that is no log of a run."""
+    return bad_input("no-log", message, place, mend="make one: sqrp run PROGRAM --sim --log FILE")
