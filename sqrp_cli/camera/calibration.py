@@ -1,16 +1,15 @@
 """Camera intrinsics from the calibration files that people have.
 
-Recognised by content: ROS camera_info (files of `camera_calibration` and of drivers, printed messages, `ost.txt`),
-OpenCV FileStorage (YAML, XML, JSON), Kalibr camchains, VINS (camodocal), COLMAP `cameras.txt`, and files with several.
-What a format says of a camera is a `StatedLens`; all the rest is common to them.
+They are recognised by content, as `calibration_formats.py` says. What a format says of a camera is a `StatedLens`; all
+the rest is common to them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic_core import PydanticCustomError
@@ -27,54 +26,59 @@ from sqrp_cli.camera.camera import (
     check_pixels,
 )
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, nearest
-from sqrp_cli.files.source import KeyPath, SourceDocument
-from sqrp_cli.files.validation import misspelt, validate
-from sqrp_cli.geometry import read_only
+from sqrp_cli.files.source import SourceDocument
+from sqrp_cli.files.validation import misspelt
+from sqrp_cli.geometry import Array, read_only
 
 _OPENCV_MODELS: dict[int, DistortionModel] = {0: "none", 5: "plumb_bob", 8: "rational_polynomial"}
 """Default model by number of coefficients, for files that name no model."""
 MOST_SCALED = 5.0  # largest factor by which rectification scales the focal lengths
 MOST_MOVED = 0.2  # largest shift of the principal point by rectification, as a share of the image
-MOST_CAMERAS_NESTED = 3  # levels of a file in which cameras are looked for
+MOST_OFF = 0.2  # how far a principal point is usually from the middle, as a share of the image
+_OWN_NAMES = ("camera_name", "name", "id", "serial", "Purpose")  # keys by which a camera of a list is called
 
 
 def read_calibration(
-    path: Path, wanted: CalibrationFile | None = None, asked: str = "calibration"
+    path: Path,
+    wanted: CalibrationFile | None = None,
+    asked: str = "calibration",
+    distortion: DistortionModel | None = None,
 ) -> tuple[Intrinsics, SourceDocument, SourceDocument]:
     """Intrinsics from a camera calibration file in one of the formats that this module reads.
 
     With the document of the whole file, and that of what is about this camera.
 
     wanted: which camera of the file, and the size of its image if the file lacks it; asked: the key of the workspace
-    that says so. The projection matrix, if any, belongs to the rectified image and is not used: cameras see through
-    their lens. Raises InputError, with the line, for missing keys, unknown models, wrong lengths, impossible matrices,
-    and where file and workspace contradict each other.
+    that says so; distortion: the model by the workspace, of a file that names none. The projection matrix, if any,
+    belongs to the rectified image and is not used: cameras see through their lens. Raises InputError, with the line,
+    for missing keys, unknown models, wrong lengths, impossible matrices, and where file and workspace contradict each
+    other.
     """
     wanted = wanted or CalibrationFile(file=str(path))
     document, syntax = formats.read_calibration_text(path)
-    part, format_name, name = _chosen(document, wanted, asked)
-    entry, lens_of = formats.LENSES[format_name]
-    camera: Any = validate(part, entry)
-    stated = lens_of(camera, part)
-    size = PixelSize.of(*(camera.resolution or (camera.image_width, camera.image_height)))
-    width, height = _size(stated.size or size, part, wanted, asked)
-    numbers, rows = stated.K, "[fx, 0, cx, 0, fy, cy, 0, 0, 1]"
-    if len(numbers) == 4:
-        fx, fy, cx, cy = numbers
-        numbers = (fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0)
-    K = np.array(numbers).reshape(3, 3)
+    camera, name = _chosen(document, wanted, asked)
+    part = document.part(camera.at) if camera.at else document
+    stated = formats.read_lens(camera, part, syntax, PixelSize.of(wanted.width, wanted.height))
+    width, height = _size(stated, part, wanted, asked)
+    K, rows = np.array(stated.K).reshape(3, 3), "[fx, 0, cx, 0, fy, cy, 0, 0, 1]"
     if K[0, 0] <= 0 or K[1, 1] <= 0:
         message = f"found focal lengths {K[0, 0]:g} and {K[1, 1]:g}, expected positive ones: {rows}"
         raise part.error("wrong-value", stated.K_at, message)
-    if np.abs([K[0, 1], K[1, 0], K[2, 0], K[2, 1], K[2, 2] - 1.0]).max() > 1e-6:
-        message = f"found skew or a last row that is not 0, 0, 1; expected {rows}"
+    if np.abs([K[1, 0], K[2, 0], K[2, 1], K[2, 2] - 1.0]).max() > 1e-6:
+        message = f"found a last row that is not 0, 0, 1, or a second one that does not begin with 0; expected {rows}"
         raise part.error("wrong-value", stated.K_at, message)
-    title = formats.FORMATS[format_name]["files"][0].partition(" | ")[0]
-    if format_name == "camera_info":  # which is said in several syntaxes, by OpenCV too
-        matrix = next(part.data[key] for key in formats.K_KEYS if key in part.data)
-        of_opencv = syntax in ("XML", "JSON") or (isinstance(matrix, dict) and "dt" in matrix)
-        title = f"{'OpenCV FileStorage' if of_opencv else title} ({syntax})"
-    distortion_model, coefficients = _distortion(part, stated)
+    if abs(K[0, 1]) > 1e-6:
+        # A pixel moves by the skew times its height in the plane z = 1.
+        moved = abs(K[0, 1]) * max(K[1, 2] + 0.5, height - 0.5 - K[1, 2]) / K[1, 1]
+        mend = f"set it to 0: pixels move by at most {moved:.2g}, in the rows that are farthest from the middle"
+        raise part.error("wrong-value", stated.K_at, f"found the skew {K[0, 1]:g}, expected 0: {rows}", mend)
+    title = formats.FORMATS[stated.format_name]["files"][0].partition(" | ")[0]
+    if stated.format_name == "camera_info":  # which is said in several syntaxes, by OpenCV and by programs, too
+        matrix = part.at(camera.words.get("matrix", ("",)))
+        of_opencv = syntax == "XML" or (isinstance(matrix, dict) and "dt" in matrix)
+        of_ros = syntax == "INI" or (syntax == "YAML" and {"width", "height", "matrix"} <= camera.words.keys())
+        title = f"{'OpenCV FileStorage' if of_opencv else title if of_ros else 'keys and values'} ({syntax})"
+    distortion_model, coefficients = _distortion(part, stated, K, PixelSize(width, height), distortion, asked)
     intrinsics = Intrinsics(
         width=width,
         height=height,
@@ -87,27 +91,20 @@ def read_calibration(
     return intrinsics, document, part
 
 
-def _chosen(document: SourceDocument, wanted: CalibrationFile, asked: str) -> tuple[SourceDocument, str, str | None]:
-    """The wanted camera of a file, the name of its format, and its own if the file has several."""
-    found, names = dict[KeyPath, str](), dict[str, KeyPath]()
-    waiting: list[tuple[KeyPath, object]] = [((), document.data)]
-    while waiting:  # depth first
-        at, data = waiting.pop()
-        has = {name: sum(key in data for key in keys) >= min(2, len(keys))
-               for name, keys in formats.CAMERA_KEYS.items() if isinstance(data, dict)}  # fmt: skip
-        if any(has.values()):
-            found[at] = next(name for name in has if has[name])
-        elif len(at) < MOST_CAMERAS_NESTED and isinstance(data, dict | list):
-            inside = data.items() if isinstance(data, dict) else enumerate(data)
-            waiting += [((*at, key), value) for key, value in inside][::-1]
-    is_one = () in found or not found
+def _chosen(document: SourceDocument, wanted: CalibrationFile, asked: str) -> tuple[formats.CameraInFile, str | None]:
+    """The wanted camera of a file, and its name if the file has several."""
+    found = formats.cameras_in(document.data)
     if not found and not any(key in document.data for key in formats.TOP_KEYS):
         raise InputError(formats.no_calibration(document.path))
-    for at in [()] if is_one else found:  # a camera alone or of a list is called by its own name, others by their keys
-        camera, own_keys = document.at(at), ("camera_name", "name", "id") if not at or isinstance(at[-1], int) else ()
-        own = next((str(camera[key]) for key in own_keys if isinstance(camera.get(key), str | int)), None)
-        if own or at:
-            names[own or str(at[-1])] = at
+    found = found or [formats.CameraInFile((), {}, "")]
+    names: dict[str, formats.CameraInFile] = {}
+    for one in found:  # a camera alone or of a list is called by its own name, others by their keys
+        camera, listed = document.at(one.at), not one.at or isinstance(one.at[-1], int)
+        own = [str(camera[key]) for key in (_OWN_NAMES if listed else ()) if isinstance(camera.get(key), str | int)]
+        short = one.mark or next(iter(own), str(one.at[-1]) if one.at else "")
+        name = ".".join(map(str, (*one.at, one.mark))) if short in names else short
+        if name or len(found) > 1:
+            names[name or "main"] = one
     if wanted.camera is not None and wanted.camera not in names:
         held = f"the file has {', '.join(f'`{one}`' for one in names)}" if names else "the file has one camera, unnamed"
         close = nearest(wanted.camera, names)
@@ -115,31 +112,54 @@ def _chosen(document: SourceDocument, wanted: CalibrationFile, asked: str) -> tu
         mend = "leave `camera` out, or name the file of that camera" if len(names) < 2 else None
         message = f"`{asked}.camera`: found `{wanted.camera}`, but {held}{hint}"
         raise bad_input("unknown-camera", message, Place(document.path), mend=mend)
-    if is_one:
-        return document, found.get((), "camera_info"), None
-    if wanted.camera is None and len(names) > 1:
-        message = f"the file has the cameras {', '.join(f'`{name}`' for name in names)}"
-        mend = f"say which: `{asked}: {{file: {wanted.file}, camera: {next(iter(names))}}}`"
+    if len(found) == 1 and not found[0].at and not found[0].mark:
+        return found[0], None
+    stated = {
+        name: {word: document.at((*one.at, *path)) for word, path in one.words.items()} for name, one in names.items()
+    }
+    told = [wanted.width, wanted.height]
+    fitting = [name for name in names if wanted.camera in (None, name)]
+    of_size = [
+        name
+        for name in fitting
+        if told in (stated[name].get("size"), [stated[name].get(side) for side in ("width", "height")])
+    ]
+    fitting = of_size if len(fitting) > 1 and of_size and None not in told else fitting  # sections of a ZED
+    if len(fitting) > 1 and all(stated[name] == stated[fitting[0]] for name in fitting):  # frames of a scene
+        return names[fitting[0]], None
+    if len(fitting) > 1:
+        mend = f"say which: `{asked}: {{file: {wanted.file}, camera: {fitting[0]}}}`"
+        message = f"the file has the cameras {', '.join(f'`{name}`' for name in fitting[:20])}"
         raise bad_input("ambiguous-entry", message, Place(document.path), mend=mend)
-    name = wanted.camera or next(iter(names))
-    return document.part(names[name]), found[names[name]], name
+    return names[fitting[0]], fitting[0]
 
 
-def _size(size: PixelSize | None, part: SourceDocument, wanted: CalibrationFile, asked: str) -> PixelSize:
+def _size(stated: formats.StatedLens, part: SourceDocument, wanted: CalibrationFile, asked: str) -> PixelSize:
     """That of the image, from the file or the workspace, which must not contradict each other."""
-    stated = PixelSize.of(wanted.width, wanted.height)
-    at = next(((key,) for key in (*formats.SIZES, *formats.WIDTHS, *formats.HEIGHTS) if key in part.data), ())
-    if size is None and at:
-        missing = "image_height" if at[0] in formats.WIDTHS else "image_width"
+    told = PixelSize.of(wanted.width, wanted.height)
+    at = stated.size_at
+    if stated.size is None and at and told is None:
+        key = str(at[-1])
+        missing = "image_height" if formats.squashed(key).endswith(("width", "w", "cols")) else "image_width"
         message = f"the file lacks the key `{missing}`{misspelt(missing, part.data)}"
         raise bad_input("missing-key", message, part.key_place(at))
-    size = size or stated
+    size = stated.size or told
+    if size is not None and isinstance(part.at(at), list):  # as `image.shape` of NumPy has it
+        turned, middle = PixelSize(size.height, size.width), np.array([stated.K[2], stated.K[5]])
+        off, less = (np.abs(middle / np.array(one) - 0.5).max() for one in (size, turned))
+        size = turned if told == turned else size
+        if off > MOST_OFF > less and told is None:
+            message = (
+                f"found {part.at(at)}, which is height and width: the principal point is in the middle of {turned}"
+            )
+            mend = f"say `{asked}: {{file: {wanted.file}, width: {turned.width}, height: {turned.height}}}`"
+            raise part.error("image-size", at, message, mend)
     if size is None:
         message = "the file does not say how large the image is"
         mend = f"say it: `{asked}: {{file: {wanted.file}, width: 640, height: 480}}`"
         raise bad_input("missing-key", message, Place(part.path), mend=mend)
-    if stated not in (None, size):
-        message = f"the file is of an image of {size} pixels, `{asked}` of {stated}"
+    if told not in (None, size):
+        message = f"the file is of an image of {size} pixels, `{asked}` of {told}"
         mend = "leave `width` and `height` out, or name the calibration of that image size"
         raise part.error("image-size", at, message, mend)
     try:
@@ -182,28 +202,62 @@ def doubtful_projection(intrinsics: Intrinsics, document: SourceDocument) -> Ite
         yield replace(document.problem("doubtful-projection", (key,), message, mend), severity="warning")
 
 
-def _distortion(document: SourceDocument, stated: formats.StatedLens) -> tuple[DistortionModel, list[float]]:
-    """The distortion model and all of its coefficients."""
-    known = formats.FACTS["distortions"]
-    model, *counts = known.get((stated.model or "").lower(), ("none", 8))
-    count = len(stated.D)
-    while count > max(counts) and not stated.D[count - 1]:  # OpenCV writes zeros of models with 12 and 14
+def _distortion(
+    document: SourceDocument, stated: formats.StatedLens, K: Array, size: PixelSize,
+    told: DistortionModel | None, asked: str,
+) -> tuple[DistortionModel, list[float]]:  # fmt: skip
+    """The distortion model and all of its coefficients. told: the model by the workspace."""
+    key, known = f"{asked.removesuffix('calibration')}distortion", formats.FACTS["distortions"]
+    if stated.D is None and told != "none":
+        near = [f"; `{name}` is not read" for name in document.data if re.search("dist|coef", str(name), re.IGNORECASE)]
+        message = f"the file says nothing of the distortion of the lens{next(iter(near), '')}"
+        mend = f"say `{key}: none` beside `calibration` if its images are straight, or name a file that has it"
+        raise bad_input("missing-key", message, Place(document.path), mend=mend)
+    D, model, at = list(stated.D or ()), stated.model or "", stated.model_at
+    if told is not None and any(D) != (told != "none"):
+        message = f"the coefficients are {', '.join(f'{number:g}' for number in D)}, but `{key}` is `{told}`"
+        raise document.error("wrong-value", stated.D_at, message, f"leave `{key}` out")
+    if formats.shortened(model) in formats.FACTS["late"] and told is None:
+        moved = _moved_by_order(D, K, size)
+        if moved > 1e-9:
+            message = f"`{model}` of librealsense with p1 and p2 is no known distortion model of ROS or OpenCV"
+            mend = f"say `{key}: plumb_bob` beside `calibration`, as its ROS driver does: pixels move by at most {moved:.2g}"
+            raise document.error("unknown-distortion-model", at, message, mend)
+        told = "plumb_bob" if any(D) else "none"
+    model, at = (told, stated.D_at) if told is not None else (model, at)
+    short, count = formats.shortened(model), len(D)
+    if short and short not in known:
+        usual = formats.FORMATS[stated.format_name].get("named", ("plumb_bob", "rational_polynomial", "equidistant"))
+        message = f"found `{model}`, which is no known distortion model; {expected_names(model, usual)}"
+        raise document.error("unknown-distortion-model", at, message)
+    ours, names, least = (*known.get(short, ("none", "k1 k2 p1 p2 k3 k4 k5 k6")), None)[:3]
+    most = len(names.split())
+    while count > most and not D[count - 1]:  # OpenCV writes zeros of models with 12 and 14
         count -= 1
-    if not stated.model and count == 4:
+    if short:
+        fewest = 4 if told == "plumb_bob" else least or most
+        check_count(document, stated.D_at, model, 0 if told == "none" else count, range(fewest, most + 1))
+        return ours, [*D[:count], *[0.0] * (DISTORTION_LENGTHS[ours] - count)][: DISTORTION_LENGTHS[ours]]
+    if count in _OPENCV_MODELS or not any(D):
+        return _OPENCV_MODELS.get(count, "none"), D[:count] if count in _OPENCV_MODELS else []
+    if count == 4:
         message = "with 4 distortion coefficients the file must say `distortion_model`"
-        how = "add `distortion_model: radtan` (k1, k2, p1, p2) or `distortion_model: fisheye` (k1, k2, k3, k4)"
+        how = ("add `distortion_model: radtan` (k1, k2, p1, p2) or `distortion_model: fisheye` (k1, k2, k3, k4), "
+               f"or say `{key}: plumb_bob` or `{key}: equidistant` beside `calibration`")  # fmt: skip
         raise document.error("missing-key", stated.D_at, message, how)
-    if not stated.model and count not in _OPENCV_MODELS:
-        message, mend = f"found {len(stated.D)} distortion coefficients, expected 4, 5 or 8", None
-        if count > 8:
-            message += f", with zeros after them; number {count} is {stated.D[count - 1]:g}"
-            mend = "calibrate without OpenCV's flags `CALIB_THIN_PRISM_MODEL` and `CALIB_TILTED_MODEL`"
-        raise document.error("wrong-length", stated.D_at, message, mend)
-    if not stated.model:
-        return _OPENCV_MODELS[count], list(stated.D[:count])
-    if stated.model.lower() not in known:
-        expected = expected_names(stated.model, stated.models)
-        message = f"found `{stated.model}`, which is no known distortion model; {expected}"
-        raise document.error("unknown-distortion-model", stated.model_at, message)
-    check_count(document, stated.D_at, stated.model, count, counts)
-    return model, [*stated.D[:count], *[0.0] * (DISTORTION_LENGTHS[model] - count)]
+    message, mend = f"found {len(D)} distortion coefficients, expected 4, 5 or 8", ""
+    if count > 8:
+        message += f", with zeros after them; number {count} is {D[count - 1]:g}"
+        mend = "calibrate without OpenCV's flags `CALIB_THIN_PRISM_MODEL` and `CALIB_TILTED_MODEL`"
+    raise document.error("wrong-length", stated.D_at, message, mend or None)
+
+
+def _moved_by_order(D: Sequence[float], K: Array, size: PixelSize) -> float:
+    """How far from plumb_bob librealsense shows a corner [pixels]: it moves by p1 and p2 after the radial terms."""
+    corners = np.array([(u, v, 1.0) for u in (-0.5, size.width - 0.5) for v in (-0.5, size.height - 0.5)])
+    x, y, _ = np.linalg.inv(K) @ corners.T
+    k1, k2, p1, p2, k3 = (*D, *[0.0] * 5)[:5]
+    s = x * x + y * y
+    more = (1 + s * (k1 + s * (k2 + s * k3))) ** 2 - 1  # of the squares of x and y
+    across, down = 2 * p1 * x * y + p2 * (s + 2 * x * x), p1 * (s + 2 * y * y) + 2 * p2 * x * y
+    return float(np.hypot(K[0, 0] * more * across, K[1, 1] * more * down).max())

@@ -1,26 +1,29 @@
 """Formats of calibration files: their text as keys and values, and what it says of a camera's lens.
 
-Syntaxes are recognised by content: YAML (with OpenCV's header and tags), JSON, OpenCV's XML, the INI files of
-`camera_calibration` (`ost.txt`) and COLMAP's `cameras.txt`. A format is an entry of `FORMATS`, from
-`calibration_formats.yaml`, and one of `LENSES`: the keys of a camera, and the lens that they mean.
+Syntaxes are recognised by content: YAML (with OpenCV's header and tags), JSON, OpenCV's XML, sections with names and
+values (`ost.txt` of `camera_calibration`, ZED's `.conf`, TOML), COLMAP's `cameras.txt`, arrays of NumPy, and numbers
+alone. `calibration_formats.yaml` is the table of formats: the keys of a camera, and what gives each format away.
 """
 
 from __future__ import annotations
 
+import io
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-from pydantic import AliasChoices, BeforeValidator, Field
+import numpy as np
+from pydantic import AliasPath, BeforeValidator, Field
 
 from sqrp_cli.camera.camera import PixelCount, PixelSize
-from sqrp_cli.errors import InputError, Place, Problem, bad_input, no_such
+from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.files.entries import MappingOr, Number, foreign
 from sqrp_cli.files.input_file import decoded, read_input
 from sqrp_cli.files.json_file import json_document, parse_json
 from sqrp_cli.files.source import Data, KeyPath, SourceDocument, not_finite
+from sqrp_cli.files.validation import misspelt, validate
 from sqrp_cli.files.xml_file import Element, parse_xml
 from sqrp_cli.files.yaml_file import MAX_BYTES, parse_yaml, read_yaml, top_key
 
@@ -29,28 +32,37 @@ _INI = re.compile(r"^[ \t]*\[[\w/. -]+\][ \t\r]*$", re.MULTILINE)
 _INI_KEYS = {"camera matrix": "camera_matrix", "distortion": "distortion_coefficients"}
 _INI_KEY = re.compile(rf"^[ \t]*({'|'.join(_INI_KEYS)})[ \t\r]*$", re.MULTILINE)
 _INI_NAME = re.compile(r"(?!nan\b|inf\b)[a-z][a-z_ ]*")
+_INI_VALUE = re.compile(r"^[ \t]*([A-Za-z_][\w.]*)[ \t]*=[ \t]*([^#;\n\r]*)", re.MULTILINE)
+_ZED = re.compile(r"\w*CAM_(\w+)")
 _COLMAP_LINE = re.compile(r"\s*(?:#.*\n\s*)*\d+[ \t]+(?:[A-Z]+_?[A-Z_]+\s|[a-z_]+[ \t]+\d+[ \t]+\d+\s)")
+_NUMBERS = re.compile(r"[-+\d.eEnaif\s]+\Z")
 
 
-def read_calibration_text(path: Path) -> tuple[SourceDocument, str]:
-    """A calibration file as keys and values, and its syntax: YAML, XML, JSON, INI or COLMAP.
+def read_calibration_text(path: Path, keys: Collection[str] = ()) -> tuple[SourceDocument, str]:
+    """A calibration file as keys and values, and its syntax: YAML, XML, JSON, INI, conf, COLMAP, NumPy or text.
 
-    Raises InputError, with the line, for text that is none of these, or is damaged.
+    keys: of another kind of file, of which one is at its top. Raises InputError, with the line, for text that is none
+    of these, or is damaged.
     """
     content = read_input(path, MAX_BYTES)
+    data, places = Data(), dict[KeyPath, Place]()
+    if content.startswith((b"PK\x03\x04", b"\x93NUMPY")):
+        return SourceDocument(path, content, read_arrays(path, content), places, places), "NumPy"
+    if not keys:
+        refuse_unread(path, content)
     text = decoded(path, content)
-    data, places, start = Data(), dict[KeyPath, Place](), text.lstrip()[:1]
-    if start == "{" and '"' in text and isinstance(parsed := parse_json(path, text), dict):
-        return json_document(path, text, parsed), "JSON"
-    if start == "<":
+    plain = re.sub(r"#.*|[\[\],;]", " ", text)
+    if re.match(r"\s*(?:\{|\[\s*[\[{])", text) and '"' in text:
+        return json_document(path, text, parse_json(path, text)), "JSON"
+    if text.lstrip().startswith("<"):
         tags: dict[str, bool] = {}
         for element in parse_xml(path, content, "opencv_storage").inside():
             tags[element.tag] = tags.get(element.tag, True) and not element.children
         root = parse_xml(path, content, "opencv_storage", frozenset(tag for tag, is_leaf in tags.items() if is_leaf))
         syntax, data = "XML", _xml_value(root, (), places) if root.children else {}
-    elif _INI.search(text) and _INI_KEY.search(text):
-        syntax = "INI"
-        _read_ini(path, text, data, places)
+    elif _INI.search(text) and (_INI_KEY.search(text) or _INI_VALUE.search(text)):
+        syntax = "INI" if _INI_KEY.search(text) else "conf"
+        _read_sections(path, text, data, places)
     elif _COLMAP_LINE.match(text):
         syntax = "COLMAP"
         for number, line in enumerate(text.splitlines(), 1):
@@ -63,14 +75,43 @@ def read_calibration_text(path: Path) -> tuple[SourceDocument, str]:
                 camera = {"model": words[1], "width": width, "height": height, "params": params}
                 _put(data, (words[0],), camera, place, places)
                 places |= {(words[0], key): place for key in camera}
+    elif len(plain.split()) in (6, 7, 9, 12, 16) and _NUMBERS.match(plain):
+        _put(data, ("K",), _row(plain, Place(path, 1, 1)), Place(path, 1, 1), places)
+        syntax = "text"
     else:
         try:
-            return parse_yaml(path, content, frozenset({"!!opencv-matrix"}), TOP_KEYS), "YAML"
+            return parse_yaml(path, content, frozenset({"!!opencv-matrix"}), keys or TOP_KEYS, lists=True), "YAML"
         except InputError as error:
-            if content.strip() and not top_key(TOP_KEYS).search(text):
+            if not keys and content.strip() and not top_key(TOP_KEYS).search(text):
                 raise InputError(no_calibration(path)) from error
             raise
     return SourceDocument(path, content, data, places, places), syntax
+
+
+def read_arrays(path: Path, content: bytes) -> Data:
+    """The arrays of an npy or npz file by name, as lists; that of an npy file is `array`. Objects are not read."""
+    try:
+        found = np.load(io.BytesIO(content), allow_pickle=False)
+        arrays = {"array": found} if isinstance(found, np.ndarray) else {name: found[name] for name in found.files}
+    except (ValueError, OSError, EOFError, KeyError, NotImplementedError, RuntimeError) as error:
+        why = "it holds objects of Python" if "pickle" in str(error) else "it is damaged, or of something else"
+        message, mend = (
+            f"cannot be read as arrays of NumPy: {why}",
+            "save numbers alone: `numpy.savez(FILE, K=K, dist=D)`",
+        )
+        raise bad_input("unknown-calibration", message, Place(path), mend=mend) from None
+    numbers = {name: array for name, array in arrays.items() if array.dtype.kind in "iuf" and array.size <= 10_000}
+    for name, array in numbers.items():
+        if not np.isfinite(array).all():
+            raise InputError(not_finite(Place(path), "nan", name))
+    return {name: array.tolist() for name, array in numbers.items()}
+
+
+def refuse_unread(path: Path, content: bytes, asked: str = "calibration") -> None:
+    """Raises InputError for a file of a format that is known and not read, or of one that belongs to another key."""
+    for pattern, what, mend in FACTS["unread"]:
+        if f"at `{asked}`" not in mend and re.search(pattern, content[:20_000].decode("latin-1"), re.MULTILINE):
+            raise bad_input("unknown-calibration", f"this is {what}, which is not read here", Place(path), mend=mend)
 
 
 def no_calibration(path: Path) -> Problem:
@@ -101,25 +142,31 @@ def _xml_value(element: Element, at: KeyPath, places: dict[KeyPath, Place]) -> A
     return found
 
 
-def _read_ini(path: Path, text: str, data: Data, places: dict[KeyPath, Place]) -> None:
-    """`ost.txt`: sections in brackets; each value in the lines below its name. A camera is one with a matrix."""
-    size: dict[str, tuple[object, Place]] = {}
-    section, name = "", ""
-    camera: Data | None = None
+def _read_sections(path: Path, text: str, data: Data, places: dict[KeyPath, Place]) -> None:
+    """Sections in brackets, as in `ost.txt`, with values in the lines below a name, and as in ZED's `.conf`.
+
+    The section `image` of the first has the size of the cameras after it; ZED names sections by the size.
+    """
+    held, section, name, sizes = data, "", "", dict[str, tuple[object, Place]]()
     for number, line in enumerate(text.splitlines(), 1):
         words, place = line.split("#")[0].strip(), Place(path, number, 1)
         if words.startswith("["):
-            section, name, camera = words.strip("[] "), "", None
-        elif words and section == "image" and name in ("width", "height") and f"image_{name}" not in size:
-            size[f"image_{name}"] = _scalars(words), place
+            section, name, held = words.split("]")[0].strip("[ \t"), "", Data()
+            size = FORMATS["zed"]["sizes"].get(found[1]) if (found := _ZED.fullmatch(section)) else None
+            own = {"image_width": (size[0], place), "image_height": (size[1], place)} if size else sizes
+            if section != "image":
+                _put(data, (section,), held, place, places)
+                for key, (value, at) in own.items():
+                    _put(held, (section, key), value, at, places)
+        elif words and section == "image" and name in ("width", "height") and f"image_{name}" not in sizes:
+            sizes[f"image_{name}"] = _scalars(words), place
+        elif match := _INI_VALUE.match(line):
+            value = _scalars(re.sub(r"[\[\],\"]", " ", match[2]).strip())
+            _put(held, (section, match[1]) if section else (match[1],), value, place, places)
         elif _INI_NAME.fullmatch(words):
             name = words
-            if name == "camera matrix":  # the image size was stated before it
-                camera = {key: value for key, (value, _) in size.items()}
-                _put(data, (section,), camera, place, places)
-                places |= {(section, key): at for key, (_, at) in size.items()}
-        elif words and camera is not None and name in _INI_KEYS:
-            camera.setdefault(_INI_KEYS[name], []).extend(_row(words, place))
+        elif words and name in _INI_KEYS:
+            held.setdefault(_INI_KEYS[name], []).extend(_row(words, place))
             places.setdefault((section, _INI_KEYS[name]), place)
 
 
@@ -156,146 +203,295 @@ class StatedLens(NamedTuple):
     """What a file says of a camera's lens, with the paths of the keys."""
 
     K: Sequence[float]
-    """The camera matrix [pixels], row by row; or fx, fy, cx, cy."""
+    """The camera matrix [pixels], row by row."""
     K_at: KeyPath
-    D: Sequence[float]
-    """The distortion coefficients that the file states."""
+    D: Sequence[float] | None
+    """The distortion coefficients that the file states; None where it says nothing of distortion."""
     D_at: KeyPath
     model: str | None
     """The distortion model as the file calls it; None if it names none."""
-    model_at: KeyPath = ("distortion_model",)
-    models: Sequence[str] = ("plumb_bob", "rational_polynomial", "equidistant")
-    """Names of distortion models that files of this format can have, for messages."""
-    size: PixelSize | None = None
-    """Of the image, where it is not that of the camera's entry."""
+    model_at: KeyPath
+    size: PixelSize | None
+    """Of the image; None where the file does not say."""
+    size_at: KeyPath
+    format_name: str
+
+
+class CameraInFile(NamedTuple):
+    """A camera of a file, by its keys."""
+
+    at: KeyPath
+    """The mapping that has it."""
+    words: Mapping[str, KeyPath]
+    """Of each word that the table knows, the path in that mapping."""
+    mark: str
+    """Which of the cameras of that mapping; empty for the only one."""
 
 
 FORMATS: Mapping[str, Any] = FACTS["formats"]
-"""By name. `files`: rows of the reference, a name of its files, who writes them, what gives them away, and what is not
-read. `keys`: of these two, or all that there are, give a camera away."""
-K_KEYS, _D_KEYS, WIDTHS, HEIGHTS = FORMATS["camera_info"]["keys"]
-SIZES = ("resolution", "image_size", "imageSize")
-_Numbers = Annotated[list[Number], BeforeValidator(flat)]
+"""By name, as `calibration_formats.yaml` says. `files`: rows of the reference."""
+_Numbers = Annotated[list[Number], BeforeValidator(lambda value: flat(flat(value)))]
 _Count = Annotated[int, Field(strict=True, ge=0)]
-_Matrix = foreign(rows=_Count, cols=_Count, data=_Numbers)
+_Matrix = foreign(rows=(_Count | None, None), cols=(_Count | None, None), data=_Numbers)
 _Matrices: Any = MappingOr[_Matrix, _Numbers]  # type: ignore[misc, valid-type]
 _Natural = (Annotated[int, Field(ge=0)], 0)
 _Region = foreign(x_offset=_Natural, y_offset=_Natural, width=_Natural, height=_Natural)
-_Length = PixelCount | None
-_Sides = Annotated[list[PixelCount], Field(min_length=2, max_length=2)] | None
-
-_CAMERA: Data = {
-    "image_width": (_Length, Field(default=None, validation_alias=AliasChoices(*WIDTHS))),
-    "image_height": (_Length, Field(default=None, validation_alias=AliasChoices(*HEIGHTS))),
-    "resolution": (_Sides, Field(default=None, validation_alias=AliasChoices(*SIZES))),
+_CUT = foreign(binning_x=_Natural, binning_y=_Natural, roi=(_Region, Field(default_factory=_Region)))
+_PINHOLE = ("fx", "fy", "cx", "cy")
+COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+_Length = Annotated[PixelCount, BeforeValidator(lambda n: int(n) if isinstance(n, float) and n.is_integer() else n)]
+_LISTS: dict[str, Any] = {
+    **dict.fromkeys(("matrix", "D", "params", "projection"), _Matrices),
+    "size": Annotated[list[_Length], Field(min_length=2, max_length=2)],
 }
-"""What every format may say of a camera: the size of its image."""
+_TYPES = {**_LISTS, "width": _Length | None, "height": _Length | None, "model": str | None, "kind": Any}
+"""Of the words of a camera; those of the others are numbers."""
 
 
-def _camera_info(camera: Any, document: SourceDocument) -> StatedLens:  # noqa: ANN401 - its entry
-    """ROS `sensor_msgs/CameraInfo`, or matrices in OpenCV's FileStorage.
+def squashed(name: str) -> str:
+    """A name as names are compared: `Camera_Matrix`, `cameraMatrix` and `camera-matrix` are the same."""
+    return re.sub(r"[\s_.-]", "", name).lower()
 
-    Matrix and size of a message are those of the full sensor. The images are cut to `roi` (all of it where that has no
-    size) and then binned, as `image_geometry` has it.
+
+def shortened(model: str) -> str:
+    """The name of a model as names are compared, without what stands before a point."""
+    return squashed(model.rsplit(".", 1)[-1])
+
+
+_WORDS = {squashed(key): word for word, keys in FACTS["words"].items() for key in keys}
+_MARKS = "|".join(FACTS["marks"])
+_MARKED = re.compile(
+    rf"(?P<before>{_MARKS}|cam(?:era)?\d*)(?P<first>\w+)|(?P<last>\w+?)_?(?P<after>{_MARKS}|cam(?:era)?\d*|[lr\d])"
+)
+TOP_KEYS = ("cam0", *FACTS["words"]["matrix"], *(key for name in (*_PINHOLE, "D", "width", "height", "size", "model", "kind")
+            for key in FACTS["words"][name]), "Camera_Matrix", "cameraMatrix", "d", "k", "image_Width", "imageSize",
+            "Camera.fx", "Camera1.fx", "Camera.type", "M1")  # fmt: skip
+"""Keys of which one is at the top of a calibration file in YAML, so that problems may quote it."""
+
+
+def _words(data: Data, at: KeyPath = (), mark: str = "") -> Iterator[tuple[str, str, KeyPath]]:
+    """The words that keys of a mapping, and of mappings under words for lists, stand for: mark, word and path."""
+    for key, value in data.items():
+        name = squashed(str(key))
+        is_list = isinstance(value, list) and not (value and isinstance(value[0], dict))
+        options = [("", name)]
+        if match := _MARKED.fullmatch(name):
+            options.append((match["before"] or match["after"], match["first"] or match["last"]))
+        for own, base in options:
+            word = _WORDS.get(base)
+            if word is None or (base == "m" and not own) or (word in _LISTS) != (is_list or isinstance(value, dict)):
+                continue
+            own = mark if own in ("", "cam", "camera") else own
+            if isinstance(value, dict) and "data" not in value:
+                yield from _words(value, (*at, str(key)), own)
+            else:
+                yield own, word, (*at, str(key))
+            break
+
+
+def cameras_in(data: object) -> list[CameraInFile]:
+    """The cameras of a file, in its order; where none has a matrix or focal lengths, what lacks only these."""
+    found, doubtful = list[CameraInFile](), list[CameraInFile]()
+    waiting: list[tuple[KeyPath, object]] = [((), data)]
+    while waiting:  # depth first
+        at, held = waiting.pop()
+        inside = held.items() if isinstance(held, dict) else enumerate(held) if isinstance(held, list) else ()
+        by_mark: dict[str, dict[str, KeyPath]] = {"": {}}
+        for mark, word, path in _words(held) if isinstance(held, dict) else ():
+            by_mark.setdefault(mark, {}).setdefault(word, path)
+        shared = by_mark[""]
+        whole = [(mark, words) for mark, words in by_mark.items()
+                 if words.keys() & {"matrix", "params", "projection", "fov"} or len(words.keys() & {*_PINHOLE}) > 1]  # fmt: skip
+        if whole:
+            common: dict[str, KeyPath] = {
+                word: shared[word] for word in ("size", "width", "height", "model", "kind") if word in shared
+            }
+            found += [CameraInFile(at, {**common, **words}, mark) for mark, words in whole]
+            continue
+        is_within = any(at[: len(one.at)] == one.at for one in doubtful)
+        if len(shared.keys() & {"D", "width", "height", "size"}) > 1 and not is_within:
+            doubtful.append(CameraInFile(at, shared, ""))
+        if len(at) < MOST_NESTED:
+            waiting += [((*at, key), value) for key, value in inside][::-1]
+    return found or doubtful
+
+
+MOST_NESTED = 4  # levels of a file in which cameras are looked for
+
+
+def format_of(camera: CameraInFile, part: SourceDocument, syntax: str) -> str:
+    """The name of a camera's format."""
+    if syntax == "COLMAP":
+        return "colmap"
+    if syntax == "conf" and _ZED.fullmatch(str(part.within[-1])):
+        return "zed"
+    keys = {squashed(str(key)) for path in [(), *camera.words.values()] for key in
+            [*path, *(part.at(path[:-1]) if isinstance(part.at(path[:-1]), dict) else ())]}  # fmt: skip
+    for name, row in FORMATS.items():
+        if any(all(squashed(word) in keys for word in group.split()) for group in row.get("keys", ())):
+            return name
+    return "camera_info"
+
+
+def read_lens(camera: CameraInFile, part: SourceDocument, syntax: str, wanted: PixelSize | None) -> StatedLens:
+    """What the file says of a camera. Raises InputError, with the line, for values of a wrong kind, count or model.
+
+    part: the mapping that has it; wanted: the size of its image by the workspace.
     """
-    roi, x, y = camera.roi, max(camera.binning_x, 1), max(camera.binning_y, 1)
-    size = PixelSize.of(*(camera.resolution or (camera.image_width, camera.image_height)))
+    at, name = dict(camera.words), format_of(camera, part, syntax)
+    row = FORMATS[name]
+    fields = {word: (_TYPES.get(word, Number), Field(validation_alias=AliasPath(*map(str, path))))
+              for word, path in at.items()}  # fmt: skip
+    values: dict[str, Any] = vars(validate(part, foreign(**fields)))
+    for word in ("matrix", "D", "params", "projection"):
+        if word in values and not isinstance(values[word], list):
+            at[word], matrix = (*at[word], "data"), values[word]
+            if None not in (matrix.rows, matrix.cols) and matrix.rows * matrix.cols != len(matrix.data):
+                expected = f"`rows` x `cols` = {matrix.rows} x {matrix.cols} = {matrix.rows * matrix.cols}"
+                message = f"found {len(matrix.data)} numbers, expected {expected}"
+                raise part.error("wrong-length", at[word], message)
+            values[word] = matrix.data
+    size = PixelSize.of(*(values.get("size") or (values.get("width"), values.get("height"))))
+    size_at = next((at[word] for word in ("size", "width", "height") if word in at), ())
+    model, model_at = _model(values, at, part, name)
+    if "params" in values and "models" in row:
+        size = _unfold(values, part, at, name, size, wanted)
+        at |= dict.fromkeys((*_PINHOLE, *COEFFICIENTS), at["params"])
+    image = size or wanted or PixelSize(1, 1)  # an unknown one is asked for later
+    middle = (0.5 * image.width - (not row.get("corner")) / 2, 0.5 * image.height - (not row.get("corner")) / 2)
+    if "projection" in values:  # of OpenGL, rows of points times matrix; the middle is 0
+        P = values["projection"]
+        if len(P) != 16 or abs(P[8]) > 1e-9 or abs(P[9]) > 1e-9:
+            message = f"found {len(P)} numbers, expected 16, with the image in the middle of the aperture"
+            raise part.error("wrong-value", at["projection"], message)
+        values |= zip(_PINHOLE, (0.5 * P[0] * image.width, 0.5 * P[5] * image.height, *middle), strict=True)
+        at |= dict.fromkeys(_PINHOLE, at["projection"])
+    if "fov" in values and "fx" not in values:
+        values["fx"], at["fx"] = 0.5 * image.width / math.tan(0.5 * values["fov"]), at["fov"]
+    if name == "nerfstudio":  # what it leaves out is in the middle, and square
+        left_out = {"fy": values.get("fx", 0.0), "cx": middle[0], "cy": middle[1]}
+        values, at = {**left_out, **values}, {**dict.fromkeys(left_out, at.get("fx", ())), **at}
+    K, K_at = _matrix(values, at, part)
+    K, size = _cut(K, size, part, name)
+    if row.get("corner"):
+        K = [K[0], K[1], K[2] - 0.5, K[3], K[4], K[5] - 0.5, *K[6:]]
+    D, D_at, model = _coefficients(values, at, part, model)
+    if D is None and (row.get("pinhole") or model == "none"):
+        D, model = [], None
+    return StatedLens(K, K_at, D, D_at, model, model_at, size, size_at, name)
+
+
+def _matrix(values: Mapping[str, Any], at: Mapping[str, KeyPath], part: SourceDocument) -> tuple[list[float], KeyPath]:
+    """The camera matrix, row by row, and where it is."""
+    numbers, path = values.get("matrix"), at.get("matrix", at.get("fx", ()))
+    stated = [word for word in _PINHOLE if word in values]
+    if numbers is None and len(stated) < len(_PINHOLE):
+        missing = next(word for word in _PINHOLE if word not in values) if len(stated) > 1 else "camera_matrix"
+        held = at[stated[0]][:-1] if len(stated) > 1 else ()
+        owner = f"`{part.name(held)}`" if held or part.within else "the file"
+        message = f"{owner} lacks the key `{missing}`{misspelt(missing, part.data)}"
+        raise bad_input("missing-key", message, part.value_place(held) if held else part.key_place(()))
+    if numbers is None or len(numbers) == 4:
+        fx, fy, cx, cy = numbers or [values[word] for word in _PINHOLE]
+        return [fx, values.get("skew", 0.0), cx, 0.0, fy, cy, 0.0, 0.0, 1.0], path
+    if len(numbers) not in (9, 12, 16):
+        expected = "focal lengths and principal point: fx, fy, cx, cy" if path[-1] == "intrinsics" else "9: 3 x 3"
+        raise part.error("wrong-length", path, f"found {len(numbers)} numbers, expected {expected}")
+    K = np.array(numbers).reshape(-1, 3 if len(numbers) == 9 else 4)
+    if K[0, 2] == 0 and K[1, 2] == 0 and (K[2, 0] or K[2, 1]):
+        K = K.T  # column by column, as Open3D and MATLAB have it
+    if K.shape[1] == 4 and (K[:3, 3].any() or K[3:, :3].any()):
+        message = "found a projection matrix, expected the camera matrix alone: 3 x 3"
+        raise part.error("wrong-length", path, message)
+    return K[:3, :3].ravel().tolist(), path
+
+
+def _model(
+    values: Mapping[str, Any], at: Mapping[str, KeyPath], part: SourceDocument, name: str
+) -> tuple[str | None, KeyPath]:
+    """The distortion model as the file calls it, and where it does. Raises InputError for projections not read."""
+    kind, known, where = values.get("kind"), FACTS["distortions"], at.get("kind", ())
+    short = "" if kind is None else shortened(str(kind))
+    is_strict = name in ("vins", "kalibr", "orbslam", "isaac") and short not in ("", *FACTS["plain"], *known)
+    if name != "colmap" and (is_strict or short in FACTS["other"]):
+        title = "" if name == "camera_info" else f" of {FORMATS[name]['files'][0].partition(' | ')[0]}"
+        message = (f"this is a camera{title} with the projection `{kind}`, which is not read; expected `pinhole`, "
+                   "`fisheye` or `KANNALA_BRANDT`")  # fmt: skip
+        mend = "calibrate it again with a pinhole or a fisheye (equidistant) model"
+        raise part.error("unknown-distortion-model", where, message, mend)
+    if values.get("model"):
+        return values["model"], at["model"]
+    if where and where[-1] in ("fisheye", "fisheye_model") and len(values.get("D", ())) == 4:
+        return "fisheye" if short in ("1", "true", "yes", "on") else "radtan", where
+    is_told = short in FACTS["late"] or (short in known and short not in FACTS["plain"])
+    return (str(kind) if is_told else None), where
+
+
+def _unfold(
+    values: dict[str, Any], part: SourceDocument, at: Mapping[str, KeyPath], name: str,
+    size: PixelSize | None, wanted: PixelSize | None,
+) -> PixelSize | None:  # fmt: skip
+    """Give the parameters of COLMAP and of the Azure Kinect their names; returns the size of the image."""
+    models, model = FORMATS[name]["models"], str(values.get("kind")).upper()
+    if model not in models:
+        message = f"found `{values.get('kind')}`, expected one of {', '.join(f'`{known}`' for known in models)}"
+        mend = "estimate the camera again with one of these: `colmap feature_extractor --ImageReader.camera_model`"
+        place = at.get("kind", at["params"])
+        raise part.error("unknown-distortion-model", place, message, mend if name == "colmap" else None)
+    names = models[model].split()
+    if len(values["params"]) != len(names):
+        message = f"found {len(values['params'])} parameters, `{model}` has {len(names)}: {', '.join(names)}"
+        raise part.error("wrong-length", at["params"], message)
+    values |= zip(names, values["params"], strict=True)
+    if name == "colmap":
+        values |= {"fx": values["f"], "fy": values["f"]} if "f" in values else {}
+        return size
+    mode = FORMATS[name]["modes"].get(str(wanted))
+    if mode is None or size is None or size.width * mode[1] != size.height * mode[0]:
+        message = f"which image of this sensor is it? Expected `width` and `height` of a mode, found {wanted or 'none'}"
+        mend = f"say them, such as `width: 1280, height: 720`: one of {', '.join(FORMATS[name]['modes'])}"
+        raise part.error("missing-key", at["params"], message, mend)
+    for focal, centre, side, cut in zip(("fx", "fy"), ("cx", "cy"), mode[:2], mode[2:], strict=True):
+        values[focal], values[centre] = values[focal] * side, values[centre] * side - cut - 0.5
+    return wanted
+
+
+def _cut(
+    K: list[float], size: PixelSize | None, part: SourceDocument, name: str
+) -> tuple[list[float], PixelSize | None]:
+    """Matrix and size of the images of ROS, which are cut to `roi` and then binned, as `image_geometry` has it.
+
+    Those of a message are of the full sensor; a `roi` without a size is all of it.
+    """
+    if name != "camera_info" or not {"roi", "binning_x", "binning_y"} & part.data.keys():
+        return K, size
+    cut: Any = validate(part, _CUT)
+    roi, x, y = cut.roi, max(cut.binning_x, 1), max(cut.binning_y, 1)
     if size is not None:
         width, height = roi.width or size.width, roi.height or size.height
         if roi.x_offset + width > size.width or roi.y_offset + height > size.height:
-            raise document.error("wrong-value", ("roi",), f"reaches out of the image of {size.short}")
+            raise part.error("wrong-value", ("roi",), f"reaches out of the image of {size.short}")
         size = PixelSize(max(width // x, 1), max(height // y, 1))
-    found = list[tuple[list[float], KeyPath]]()  # numbers of both matrices, and their paths
-    for keys, entry in ((K_KEYS, camera.camera_matrix), (_D_KEYS, camera.distortion_coefficients)):
-        at: KeyPath = (next(key for key in keys if key in document.data),)
-        if not isinstance(entry, list):
-            at, rows, columns, entry = (*at, "data"), entry.rows, entry.cols, entry.data
-            if rows * columns != len(entry):
-                expected = f"`rows` x `cols` = {rows} x {columns} = {rows * columns}"
-                raise document.error("wrong-length", at, f"found {len(entry)} numbers, expected {expected}")
-        found.append((entry, at))
-    (K, K_at), (D, D_at) = found
-    if len(K) != 9:
-        raise document.error("wrong-length", K_at, f"found {len(K)} numbers, expected 9: 3 x 3")
-    K = [K[0] / x, K[1] / x, (K[2] - roi.x_offset) / x, K[3] / y, K[4] / y, (K[5] - roi.y_offset) / y, *K[6:]]
-    model = camera.distortion_model
-    if model is None and camera.fisheye_model is not None and len(D) == 4:
-        model = "fisheye" if camera.fisheye_model else "radtan"
-    return StatedLens(K, K_at, D, D_at, model, size=size)
+    return [K[0] / x, K[1] / x, (K[2] - roi.x_offset) / x, K[3] / y, K[4] / y, (K[5] - roi.y_offset) / y, *K[6:]], size
 
 
-def _kalibr(camera: Any, document: SourceDocument) -> StatedLens:  # noqa: ANN401 - its entry
-    """A camera of a Kalibr camchain."""
-    if camera.camera_model != "pinhole":
-        message = f"found `{camera.camera_model}`, expected `pinhole`, with any distortion model"
-        raise document.error("unknown-distortion-model", ("camera_model",), message)
-    if len(camera.intrinsics) != 4:
-        message = f"found {len(camera.intrinsics)} numbers, expected focal lengths and principal point: fx, fy, cx, cy"
-        raise document.error("wrong-length", ("intrinsics",), message)
-    D, D_at, models = camera.distortion_coeffs, ("distortion_coeffs",), ("radtan", "equidistant", "none")
-    return StatedLens(camera.intrinsics, ("intrinsics",), D, D_at, camera.distortion_model, models=models)
-
-
-def _vins(camera: Any, document: SourceDocument) -> StatedLens:  # noqa: ANN401 - its entry
-    """A camera of camodocal, as VINS-Mono and VINS-Fusion have it."""
-    models = FORMATS["vins"]["models"]
-    if camera.model_type not in models:
-        message = no_such(camera.model_type, "known camera model", models)
-        raise document.error("unknown-distortion-model", ("model_type",), message)
-    model, parameters, coefficients = models[camera.model_type]
-    at: KeyPath = ("projection_parameters",)
-    values = {**camera.distortion_parameters, **camera.projection_parameters}  # those of a fisheye lens are in either
-    missing = next((name for name in f"{parameters} {coefficients}".split() if name not in values), None)
-    if missing is not None:
-        raise document.error("missing-key", at, f"lacks the parameter `{missing}` of `{camera.model_type}`")
-    K, D = ([values[name] for name in names.split()] for names in (parameters, coefficients))
-    return StatedLens(K, at, D, ("distortion_parameters",), model, ("model_type",))
-
-
-def _colmap(camera: Any, document: SourceDocument) -> StatedLens:  # noqa: ANN401 - its entry
-    """A line of COLMAP's `cameras.txt`, which counts pixels from the corner of the first one, not from its centre."""
-    model, models, at = camera.model.upper(), FORMATS["colmap"]["models"], ("params",)
-    if model not in models:
-        message = f"found `{camera.model}`, expected one of {', '.join(f'`{known}`' for known in models)}"
-        mend = "estimate the camera again with one of these: `colmap feature_extractor --ImageReader.camera_model`"
-        raise document.error("unknown-distortion-model", ("model",), message, mend)
-    names = models[model].split()
-    if len(camera.params) != len(names):
-        message = f"found {len(camera.params)} parameters, `{model}` has {len(names)}: {', '.join(names)}"
-        raise document.error("wrong-length", at, message)
-    fx, fy, cx, cy, *D = camera.params if names[0] == "fx" else (camera.params[0], *camera.params)
-    return StatedLens((fx, fy, cx - 0.5, cy - 0.5), at, D, at, model, ("model",))
-
-
-_FIELDS: dict[str, tuple[Callable[[Any, SourceDocument], StatedLens], Data]] = {
-    "vins": (_vins, {
-        "model_type": (str, "PINHOLE"),
-        "distortion_parameters": (dict[str, Number], {}),
-        "projection_parameters": dict[str, Number],
-    }),
-    "kalibr": (_kalibr, {
-        "camera_model": (str, "pinhole"),
-        "intrinsics": _Numbers,
-        "distortion_model": str,
-        "distortion_coeffs": _Numbers,
-    }),
-    "colmap": (_colmap, {"model": str, "params": _Numbers}),
-    "camera_info": (_camera_info, {
-        "camera_matrix": (_Matrices, Field(validation_alias=AliasChoices(*K_KEYS))),
-        "distortion_model": (str | None, None),
-        "distortion_coefficients": (_Matrices, Field(validation_alias=AliasChoices(*_D_KEYS))),
-        "fisheye_model": (Any, None),
-        "binning_x": _Natural,
-        "binning_y": _Natural,
-        "roi": (_Region, Field(default_factory=_Region)),
-    }),
-}  # fmt: skip
-"""By format what reads the lens, and the keys of a camera besides the size of its image."""
-
-LENSES = {name: (foreign(**_CAMERA, **fields), lens_of) for name, (lens_of, fields) in _FIELDS.items()}
-"""By format the entry of a camera, and what gives the lens of such an entry: it raises InputError, with the line, for
-lists of a wrong length and unknown models."""
-CAMERA_KEYS: Mapping[str, Sequence[str]] = {name: flat(row["keys"]) for name, row in FORMATS.items()}
-"""Keys of a camera by format; a mapping is of the first whose keys it has."""
-TOP_KEYS = ("cam0", "model_type", *(key for name, keys in CAMERA_KEYS.items() for key in keys if name != "colmap"))
-"""Keys of which one is at the top of a calibration file in YAML, so that problems may quote it."""
+def _coefficients(
+    values: Mapping[str, Any], at: Mapping[str, KeyPath], part: SourceDocument, model: str | None
+) -> tuple[list[float] | None, KeyPath, str | None]:
+    """The distortion coefficients in the order of their model, where they are, and the model."""
+    if "D" in values:
+        return values["D"], at["D"], model
+    stated = [word for word in COEFFICIENTS if word in values]
+    if not stated:
+        return None, (), model
+    short = shortened(model or "")
+    if short in FACTS["distortions"] and FACTS["distortions"][short][1]:
+        names = FACTS["distortions"][short][1].split()
+        missing = next((word for word in names[:4] if word not in values and word[0] == "k"), None)
+        if missing and "projection_parameters" in part.data:
+            raise part.error("missing-key", ("projection_parameters",), f"lacks the parameter `{missing}` of `{model}`")
+        return [values.get(word, 0.0) for word in names], at[stated[0]], model
+    if "k4" in stated and "p1" not in stated and "k5" not in stated:
+        return [values.get(word, 0.0) for word in ("k1", "k2", "k3", "k4")], at[stated[0]], None
+    D = [values.get(word, 0.0) for word in COEFFICIENTS]
+    return D if any(D[5:]) else D[:5], at[stated[0]], None

@@ -233,14 +233,36 @@ class CalibrationFile(FileRecord):
             check_pixels(self.width, self.height)
 
 
+Rotation = Literal["rotvec", "rotvec deg", "rpy", "rpy deg", "zyx", "zyx deg", "xyzw", "wxyz"]
+_Unit = Annotated[Size, BeforeValidator(lambda unit: f"1 {unit}" if unit in ("m", "cm", "mm") else unit)]
+
+
 @dataclass(frozen=True, kw_only=True)
 class PoseFile(FileRecord):
-    """A camera's pose in a file."""
+    """A camera's pose in a file. Of numbers whose file does not say what they are, the workspace does."""
 
-    file: Text
+    file: Text | None = None
     """Relative to this file, or package://; of a recording in a folder, the folder."""
     camera: Text | None = None
-    """The camera's frame, if the file has several, such as `camera_color_optical_frame`."""
+    """The camera's frame or name, if the file has several, such as `camera_color_optical_frame`."""
+    urdf: Text | None = None
+    """Instead of `file`: a URDF with the camera on fixed joints."""
+    link: Text | None = None
+    """The camera's link of that URDF."""
+    pose_of: Literal["camera", "frame"] | None = None
+    """camera: points of the camera times the matrix are points of the frame that carries it; frame: the other way."""
+    unit: _Unit | None = None
+    """Of the position: m, cm, mm, or the length of one unit, such as `0.35 m`."""
+    rotation: Rotation | None = None
+    """Of three numbers a rotation vector, angles about fixed x, y, z, or about z, y, x in turn (A, B, C of KUKA), in
+    radians or `deg`; of four a quaternion."""
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError unless it names one file, and a link only of a URDF."""
+        if (self.file is None) == (self.urdf is None):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `file`, `urdf`")
+        if (self.link is not None and self.urdf is None) or (self.camera is not None and self.file is None):
+            raise PydanticCustomError("conflicting-keys", "`camera` goes with `file`, `link` with `urdf`")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -260,9 +282,11 @@ class CameraEntry(Sensing):
         ),
     ] = None
     """A file with the pose, instead of `pose`: of easy_handeye, TF messages, a launch file with a
-    static_transform_publisher, or a recording with /tf_static; as `{file, camera}` where it has several."""
-    convention: Literal["optical", "body"] = "optical"
-    """Axes of the stated orientation; body: x forward, y left, z up."""
+    static_transform_publisher, a recording with /tf_static, a URDF, COLMAP's images.txt, nerfstudio's transforms.json,
+    or a matrix; as a mapping where it has several, or does not say what its numbers are."""
+    convention: Literal["optical", "body", "opengl"] | None = None
+    """Axes of the stated orientation, optical where it is left out; body: x forward, y left, z up; opengl: z backward,
+    x right, y up."""
     image: ImageEntry | None = None
     """Size and field of view or focal lengths of the image."""
     calibration: Annotated[
@@ -274,6 +298,8 @@ class CameraEntry(Sensing):
     ] = None
     """A calibration file, instead of `image`, such as of ROS, OpenCV or Kalibr; as `{file, camera, width,
     height}` where it has several cameras or no image size."""
+    distortion: DistortionModel | None = None
+    """With `calibration`: the distortion model, where the file does not say it; none for straight images."""
 
     def __post_init__(self) -> None:
         """Raises PydanticCustomError for keys that contradict each other."""
@@ -282,8 +308,10 @@ class CameraEntry(Sensing):
             raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `pose`, `hand_eye`")
         if (self.image is None) == (self.calibration is None):
             raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `image`, `calibration`")
-        if self.convention == "body" and self.pose is not None and self.pose.look_at is not None:
-            raise PydanticCustomError(
-                "conflicting-keys",
-                "`look_at` gives the viewing direction; `convention: body` goes with rpy or quaternion",
+        if self.distortion is not None and self.calibration is None:
+            raise PydanticCustomError("conflicting-keys", "`distortion` goes with `calibration`; else it is in `image`")
+        if self.convention not in (None, "optical") and self.pose is not None and self.pose.look_at is not None:
+            message = (
+                f"`look_at` gives the viewing direction; `convention: {self.convention}` goes with rpy or quaternion"
             )
+            raise PydanticCustomError("conflicting-keys", message)

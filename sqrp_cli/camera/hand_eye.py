@@ -14,7 +14,7 @@ from __future__ import annotations
 import ast
 import re
 import shlex
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from itertools import islice, pairwise, takewhile
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -22,6 +22,9 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
+from sqrp_cli.camera.calibration_formats import read_calibration_text, refuse_unread
+from sqrp_cli.camera.camera import CameraEntry
+from sqrp_cli.camera.pose_matrices import X_of, chosen_pose, colmap_images, poses_in
 from sqrp_cli.errors import Place, bad_input, expected_names
 from sqrp_cli.files.entries import Length, Number, Text, foreign
 from sqrp_cli.files.input_file import decoded, read_input
@@ -36,7 +39,9 @@ from sqrp_cli.ros.bag import Bag, is_bag
 TOPIC, _TYPE = "/tf_static", "tf2_msgs/msg/TFMessage"
 MOST_MESSAGES = 10_000  # most messages that are read; each node that publishes static transforms sends one
 PUBLISHER = "static_transform_publisher"
+MOST_SUBSTITUTIONS = 20  # of launch arguments in a text
 LARGEST_TRANSLATION = 1e4  # largest coordinate [m]
+_COLMAP = re.compile(r"\A(?:#.*\n|\s)*\d+(?:[ \t]+[-+\d.eE]+){7}[ \t]+\d+[ \t]+\S", re.MULTILINE)
 _DOCUMENTS = re.compile(r"^---[ \t]*$", re.MULTILINE)
 _SHELL = ("&", "&&", ";", "|", "||")  # what ends a command
 _POSITION = ("x", "y", "z")
@@ -60,6 +65,8 @@ class StaticTransform(NamedTuple):
     """What was read of the file."""
     document: SourceDocument | None = None
     """Its keys and values, of easy_handeye."""
+    axes: str | None = None
+    """Of the camera, as `convention` of a workspace; None where the format does not define them."""
 
     @classmethod
     def of(cls, stamped: Any, place: Place) -> StaticTransform | None:  # noqa: ANN401 - of a file, or a ROS message
@@ -98,31 +105,40 @@ _EASY_HANDEYE, _EARLY = foreign(**_RESULT, parameters=foreign(**_PARAMETERS)), f
 """Results of easy_handeye; in early versions the parameters stand beside the transformation."""
 _KEYS = (
     "parameters", "transform", "transformation", "tracking_base_frame", "header", "transforms", "child_frame_id",
+    "frames", "rotation", "translation", "extrinsic", "extrinsics", "matrix", "pose", "R", "T", "t", "rvec", "tvec",
 )  # fmt: skip
+"""Keys of which one is at the top of a file with poses in YAML, so that problems may quote it."""
 
 
 def read_hand_eye(
-    path: Path, camera: str | None = None, carriers: Collection[str] = (), asked: str = "hand_eye"
+    path: Path,
+    camera: str | None = None,
+    carriers: Collection[str] = (),
+    asked: str = "hand_eye",
+    entry: CameraEntry | None = None,
 ) -> StaticTransform:
     """The pose of a camera in a file of one of the formats that this module reads.
 
     camera: its frame, where the file has several; None: the only one without frames on it, or the only one of these
     that is optical. carriers: frames that may carry it, such as the robot's links; of static transforms one after the
     other, the camera is in the first of these above it, else in the topmost frame. asked: the key of the workspace that
-    says so. Raises InputError, with the line, for missing keys, values of the wrong kind, and a quaternion whose length
-    is not 1.
+    says so; entry: what the workspace says of the camera. Raises InputError, with the line, for missing keys, values of
+    the wrong kind, what is no rotation, and numbers of which neither file nor workspace says what they are.
     """
     if is_bag(path):
         pose_file, transforms = "/tf_static of a recording", read_bag(path)
         # A recording may be large: of that, what was read.
         read = repr([(one.parent, one.child, one.X_PC.tolist()) for one in transforms]).encode()
     else:
-        read, pose_file = read_input(path, MAX_BYTES), "static_transform_publisher"
-        text = decoded(path, read)
-        if (found := read_launch(path, read, text)) is None:
-            found, pose_file = read_messages(path, text), "TF messages"
-        if found is None:
-            return _easy_handeye(path, read)
+        read = read_input(path, MAX_BYTES)
+        is_binary = read.startswith((b"PK\x03\x04", b"\x93NUMPY"))
+        text = "" if is_binary else decoded(path, read)
+        reader = next((reader for reader in READERS if re.search(reader.mark, text, re.MULTILINE)), None)
+        if reader is None or reader.read is None:
+            return _of_numbers(path, read, text, camera, asked, entry)
+        pose_file, found = reader.title, reader.read(path, read, text)
+        if isinstance(found, StaticTransform):
+            return found
         transforms = found
     above, parents = {one.child: one for one in transforms}, {one.parent for one in transforms}
     frame = "" if camera is None else camera.lstrip("/")
@@ -148,12 +164,30 @@ def read_hand_eye(
     raise bad_input("wrong-value", f"the frames above `{frame}` lead back to it", last.place)
 
 
-def _easy_handeye(path: Path, content: bytes) -> StaticTransform:
+def _of_numbers(
+    path: Path, content: bytes, text: str, camera: str | None, asked: str, entry: CameraEntry | None
+) -> StaticTransform:
+    """The pose that numbers of a file state."""
+    if _COLMAP.search(text):
+        document, title = SourceDocument(path, content, {}, {}, {}), "COLMAP's images.txt"
+        found = colmap_images(text, path)
+    else:
+        refuse_unread(path, content, "hand_eye")
+        document, syntax = read_calibration_text(path, _KEYS)
+        title, found = f"a matrix ({syntax})", poses_in(document)
+        title = "transforms.json" if "frames" in document.data else title
+    if not found:
+        known = ", ".join(reader.title for reader in READERS)
+        message = f"found no camera pose; expected {known}, a recording, a matrix or a vector of 6"
+        raise bad_input("unknown-calibration", message, Place(path))
+    one = chosen_pose(found, camera, document, asked)
+    X_FC, frame = X_of(one, document.value_place(one.at), asked, entry), (entry.frame if entry is not None else None)
+    return StaticTransform(frame or "", one.name, X_FC, document.value_place(one.at), title, content, axes=one.axes)
+
+
+def _easy_handeye(path: Path, content: bytes, _text: str) -> StaticTransform:
     """A result of easy_handeye."""
     document = parse_yaml(path, content, keys=_KEYS)
-    if not any(key in document.data for key in _KEYS):
-        message = "found no camera pose; expected a result of easy_handeye, TF messages, a launch file or a recording"
-        raise bad_input("unknown-calibration", message, Place(path))
     owner: KeyPath = () if "tracking_base_frame" in document.data else ("parameters",)
     result: Any = validate(document, _EASY_HANDEYE if owner else _EARLY)
     parameters = result.parameters if owner else result
@@ -189,10 +223,20 @@ def _easy_handeye(path: Path, content: bytes) -> StaticTransform:
     )
 
 
-def read_messages(path: Path, text: str) -> list[StaticTransform] | None:
-    """Transforms of TF messages in YAML, one or several (`---`); None for a file that has none."""
-    if not re.search(r"^[ \t]*child_frame_id:|^transforms:", text, re.MULTILINE):
-        return None
+def _read_urdf(path: Path, content: bytes, _text: str) -> list[StaticTransform]:
+    """The fixed joints of a URDF."""
+    found, zeros = [], (0.0, 0.0, 0.0)
+    for joint in parse_xml(path, content, "robot").all("joint"):
+        if joint.attributes.get("type") == "fixed":
+            origin = joint.first("origin") or Element("origin", {}, joint.place)
+            xyz, rpy = (origin.numbers(name, 3, zeros, LARGEST_TRANSLATION) for name in ("xyz", "rpy"))
+            parent, child = (joint.need(role).text("link") for role in ("parent", "child"))
+            found.append(StaticTransform(parent, child, pose(rpy_to_matrix(rpy), xyz), joint.place))
+    return found
+
+
+def _read_messages(path: Path, _content: bytes, text: str) -> list[StaticTransform]:
+    """Transforms of TF messages in YAML, one or several (`---`)."""
     found, line = list[StaticTransform](), 0
     for part in _DOCUMENTS.split(text):
         if any(row.strip() and not row.lstrip().startswith("#") for row in part.split("\n")):
@@ -212,20 +256,19 @@ def read_messages(path: Path, text: str) -> list[StaticTransform] | None:
     return found
 
 
-def read_launch(path: Path, content: bytes, text: str) -> list[StaticTransform] | None:
-    """Transforms that a launch file or script publishes; None for a file that has none.
+def _read_launch(path: Path, content: bytes, text: str) -> list[StaticTransform]:
+    """Transforms that a launch file or script publishes.
 
     Nodes whose conditions are false with the defaults of the launch arguments are left out. Raises InputError, with the
     line, for arguments and conditions that only a launch could know.
     """
-    if PUBLISHER not in text:
-        return None
     if text.lstrip().startswith("<"):
         root = parse_xml(path, content, "launch")
         stated = [one for one in root.inside() if one.tag == "arg"]
         defaults = {one.attributes.get("name", ""): one.attributes.get("value", one.attributes.get("default"))
                     for one in stated}  # fmt: skip
-        return [_of_words(one.text("args").split(), one.place) for one in _of_xml(root, defaults)]
+        return [_of_words(_substituted(one.text("args"), defaults, one.place).split(), one.place)
+                for one in _of_xml(root, defaults)]  # fmt: skip
     if re.search(r"^[ \t]*(from|import)\s", text, re.MULTILINE):
         return list(_of_python(path, text))
     found = []
@@ -250,15 +293,26 @@ def _of_xml(holder: Element, defaults: Mapping[str, str | None]) -> Iterator[Ele
             yield from (one,) if publishes else _of_xml(one, defaults)
 
 
+def _substituted(text: str, defaults: Mapping[str, str | None], place: Place) -> str:
+    """A text with the defaults of the launch arguments in it, such as `$(arg x)`."""
+    for _ in range(MOST_SUBSTITUTIONS):  # a default may have others in it
+        found = re.search(r"\$\((?:(?:arg|var)\s+([^\s()]+))?[^()]*\)", text)
+        if found is None:
+            return text
+        if (value := defaults.get(found[1] or "")) is None:
+            break
+        text = text.replace(found[0], value)
+    message = f"this transform depends on `{text[:60]}`, which is not known before a launch"
+    mend = "give the argument a default, or write the transform that holds into a file of its own"
+    raise bad_input("ambiguous-entry", message, place, mend=mend)
+
+
 def _holds(text: str, wanted: bool, defaults: Mapping[str, str | None], place: Place) -> bool:
     """Whether a condition, such as `$(arg sim)`, is as wanted with the defaults of the arguments."""
-    found = re.fullmatch(r"\$\((?:arg|var)\s+([^\s()]+)\)", text.strip())
-    value = defaults.get(found[1]) if found else text
-    if value is None or value.strip().lower() not in ("true", "false", "1", "0"):
-        message = f"whether this transform is published depends on `{text[:60]}`, which is not known before a launch"
-        mend = "give the argument a default, or write the transform that holds into a file of its own"
-        raise bad_input("ambiguous-entry", message, place, mend=mend)
-    return (value.strip().lower() in ("true", "1")) == wanted
+    value = _substituted(text, defaults, place).strip().lower()
+    if value not in ("true", "false", "1", "0"):
+        value = _substituted(f"$({text})", {}, place)
+    return (value in ("true", "1")) == wanted
 
 
 def _of_python(path: Path, text: str) -> Iterator[StaticTransform]:
@@ -269,8 +323,9 @@ def _of_python(path: Path, text: str) -> Iterator[StaticTransform]:
         line = getattr(error, "lineno", None)
         raise bad_input("python-syntax", "this is no Python that can be parsed", Place(path, line)) from None
     calls = [call for call in ast.walk(tree) if isinstance(call, ast.Call)]
-    assigned = {target.id: ast.unparse(one.value) for one in ast.walk(tree) if isinstance(one, ast.Assign)
-                for target in one.targets if isinstance(target, ast.Name)}  # fmt: skip
+    names = {target.id: one.value for one in ast.walk(tree) if isinstance(one, ast.Assign)
+             for target in one.targets if isinstance(target, ast.Name)}  # fmt: skip
+    assigned = {name: ast.unparse(value) for name, value in names.items()}
     defaults: dict[str, str | None] = {}
     around: dict[ast.Call, list[tuple[str, bool]]] = {}  # conditions, and whether each has to hold
     for call in calls:  # the outer ones first
@@ -303,6 +358,11 @@ def _of_python(path: Path, text: str) -> Iterator[StaticTransform]:
             raise bad_input("wrong-value", message, place, mend="write them as a list of texts")
         words = []
         for item in stated.elts:
+            value = names.get(item.id, item) if isinstance(item, ast.Name) else item
+            if isinstance(value, ast.Call) and "LaunchConfiguration" in ast.unparse(value.func) and value.args:
+                word = ast.unparse(value.args[0]).strip("'")
+                words.append(_substituted(f"$(arg {word})", defaults, Place(path, item.lineno, item.col_offset + 1)))
+                continue
             is_negative = isinstance(item, ast.UnaryOp) and isinstance(item.op, ast.USub)
             plain = item.operand if isinstance(item, ast.UnaryOp) and is_negative else item
             if not (isinstance(plain, ast.Constant) and isinstance(plain.value, str | int | float)):
@@ -314,7 +374,8 @@ def _of_python(path: Path, text: str) -> Iterator[StaticTransform]:
 
 
 def _of_words(words: Sequence[str], place: Place) -> StaticTransform:
-    """The transform of the publisher's arguments: with options, or in its older order."""
+    """The transform of the publisher's arguments: with options, or in its older order; `--ros-args` ends them."""
+    words = [*takewhile(lambda word: word != "--ros-args", words)]
     numbers = [word for word in words if re.fullmatch(r"[-+]?[\d.][\d.eE+-]*", word)]
     frames = [word for word in words if word not in numbers]
     if any(word.startswith("--frame-id") for word in words):
@@ -362,3 +423,23 @@ def read_bag(path: Path) -> list[StaticTransform]:
     if not found:
         raise bad_input("missing-key", f"the recording has no static transforms on `{TOPIC}`", Place(path))
     return list(found.values())
+
+
+class PoseReader(NamedTuple):
+    """A format of files with camera poses."""
+
+    title: str
+    mark: str
+    """A pattern that its text has."""
+    read: Callable[[Path, bytes, str], StaticTransform | list[StaticTransform]] | None
+    """Its transforms, of which the camera's are chosen and put together, or the pose; None for numbers."""
+
+
+READERS = (
+    PoseReader("a URDF", r"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!--[\s\S]*?-->\s*)*<robot\b", _read_urdf),
+    PoseReader(PUBLISHER, PUBLISHER, _read_launch),
+    PoseReader("TF messages", r"^[ \t]*child_frame_id:|^transforms:", _read_messages),
+    PoseReader("easy_handeye", rf"^[ \t]*(?:{'|'.join(_KEYS[:4])}):\s*(?:\Z|[^\s\[!])", _easy_handeye),
+    PoseReader("COLMAP's images.txt", _COLMAP.pattern, None),
+)
+"""Formats by content; a file of none of these has numbers alone."""

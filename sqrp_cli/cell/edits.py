@@ -9,7 +9,7 @@ import numpy as np
 
 from sqrp_cli.camera.camera import Camera, ImageEntry
 from sqrp_cli.camera.detector import Curve
-from sqrp_cli.cell.read_cell import X_BODY_OPTICAL
+from sqrp_cli.cell.read_cell import X_AXES_OPTICAL
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Place, bad_input, bad_option
 from sqrp_cli.files.frames import WORLD
@@ -54,7 +54,7 @@ def with_camera(document: SourceDocument, before: Camera, camera: Camera, look_a
             message = f"`{dotted(at)}` names another file, which would have to say {numbers}"
             raise bad_option(message, document.value_place(at), mend=f"state `{dotted(path)}` by `{key}`")
     if is_moved:
-        content = with_pose(document, (*path, "pose"), X, look_at, body=entry.get("convention") == "body")
+        content = with_pose(document, (*path, "pose"), X, look_at, entry.get("convention", "optical"))
     if is_focused:
         image, focal = entry["image"], float(K[0, 0])
         if "fx" in image:
@@ -154,15 +154,15 @@ def with_task(document: SourceDocument, task: str, thresholds: dict[str, float],
 
 
 def with_pose(
-    document: SourceDocument, path: KeyPath, X: Array, look_at: Array | None = None, *, body: bool = False
+    document: SourceDocument, path: KeyPath, X: Array, look_at: Array | None = None, axes: str = "optical"
 ) -> bytes:
     """The file with another pose, (4, 4), of what has it at this path, such as an object or the robot's base.
 
     In the notation that it has there. look_at: the point in the middle of a camera's image, (3,), for a pose that
-    states one. body: whether the file states the axes of a camera's body. Raises InputError for what is no pose.
+    states one. axes: the `convention` of the file for a camera. Raises InputError for what is no pose.
     """
     stated: Data = _at(document, path) if path in document.values else {}
-    X_stated = X @ inverse(X_BODY_OPTICAL) if body else X
+    X_stated = X @ inverse(X_AXES_OPTICAL[axes])
     wanted: dict[str, list[float]] = {"position": _rounded(X[:3, 3])}
     if "look_at" in stated and look_at is not None:
         wanted["look_at"] = _rounded(look_at)

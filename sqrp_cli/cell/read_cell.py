@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 X_BODY_OPTICAL = read_only(pose(((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))))
 """Pose of an optical frame (x right, y down, z forward) in the body frame (x forward, y left, z up) of REP 103."""
+X_AXES_OPTICAL = {"optical": np.eye(4), "body": X_BODY_OPTICAL, "opengl": np.diag([1.0, -1.0, -1.0, 1.0])}
+"""Pose of an optical frame in the axes of each `convention`."""
 
 
 def read_cameras(reader: RobotReader, file: WorkspaceFile) -> dict[str, Camera]:
@@ -57,14 +59,15 @@ def read_cameras(reader: RobotReader, file: WorkspaceFile) -> dict[str, Camera]:
                 message += expected_names(frame, [WORLD, *reader.links])
                 mend = f"say `frame:` for `{dotted(path)}`, which goes before what the file says"
                 reader.problems.append(Problem("unknown-frame", message, place, mend=None if found is None else mend))
-            X_FC = read_only(X_FC @ X_BODY_OPTICAL if entry.convention == "body" else X_FC)
+            axes = (found.axes if found is not None else None) or entry.convention or "optical"
+            X_FC = read_only(X_FC @ X_AXES_OPTICAL[axes])
             pose_file = None if found is None else found.pose_file
             if entry.calibration is not None:
                 from sqrp_cli.camera.calibration import doubtful_projection, read_calibration
 
                 at = (*path, "calibration")
                 lens_file = reader.resolve(entry.calibration.file, at)
-                intrinsics, whole, part = read_calibration(lens_file, entry.calibration, dotted(at))
+                intrinsics, whole, part = read_calibration(lens_file, entry.calibration, dotted(at), entry.distortion)
                 reader.digest[dotted(at)] = source_file(lens_file, whole.content)
                 reader.warnings.extend(unusual_values(part, CALIBRATION))
                 reader.warnings.extend(doubtful_projection(intrinsics, part))
@@ -84,11 +87,15 @@ def _hand_eye(reader: RobotReader, path: KeyPath, entry: CameraEntry, stated: Po
     from sqrp_cli.ros.bag import METADATA
 
     key: KeyPath = (*path, "hand_eye")
-    is_folder = os.path.isdir(reader.document.folder / stated.file)  # noqa: PTH112
-    file = reader.resolve(f"{stated.file}/{METADATA}" if is_folder else stated.file, key)
+    name = stated.file or stated.urdf or ""
+    is_folder = os.path.isdir(reader.document.folder / name)  # noqa: PTH112
+    file = reader.resolve(f"{name}/{METADATA}" if is_folder else name, key)
     carriers = (WORLD, *reader.links) if entry.frame is None else (entry.frame,)
-    found = read_hand_eye(file, stated.camera, carriers, dotted(key))
+    found = read_hand_eye(file, stated.camera or stated.link, carriers, dotted(key), entry)
     reader.digest[dotted(key)] = source_file(file, found.content)
+    if None not in (found.axes, entry.convention) and found.axes != entry.convention:
+        message = f"found `{entry.convention}`, but the axes of a camera in {found.pose_file} are `{found.axes}`"
+        raise reader.document.error("wrong-value", (*path, "convention"), message, "leave `convention` out")
     if found.document is not None:
         reader.warnings.extend(unusual_values(found.document, HAND_EYE))
     if entry.frame is None and found.parent == WORLD == link_called(WORLD, reader.links):
@@ -99,7 +106,7 @@ def _hand_eye(reader: RobotReader, path: KeyPath, entry: CameraEntry, stated: Po
         )
         mend = f"{who} `frame: world` if it is the cell's world, or the link, such as `frame: {base}`"
         raise bad_input("ambiguous-word", message, found.place, mend=mend)
-    if (*path, "convention") not in reader.document.keys and "optical" not in found.child:
+    if entry.convention is None and found.axes is None and "optical" not in found.child:
         message = f"the pose is that of `{found.child}`, which does not sound like an optical frame"
         mend = "say `convention: optical` (z forward, y down) or `convention: body` (x forward, z up)"
         place = reader.document.value_place(key)

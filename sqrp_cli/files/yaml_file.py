@@ -63,9 +63,9 @@ def read_yaml(path: Path, tags: frozenset[str] = frozenset(), keys: Collection[s
 
 
 def parse_yaml(
-    path: Path, content: bytes, tags: frozenset[str] = frozenset(), keys: Collection[str] = ()
+    path: Path, content: bytes, tags: frozenset[str] = frozenset(), keys: Collection[str] = (), lists: bool = False
 ) -> source.SourceDocument:
-    """As `read_yaml`, from content in memory; path: named in problems."""
+    """As `read_yaml`, from content in memory; path: named in problems; lists: whether it may hold a list."""
     text = decoded(path, content)
     if text.startswith("%YAML:"):  # OpenCV's header, which is not YAML
         text = "#" + text[1:]
@@ -75,7 +75,7 @@ def parse_yaml(
         if root is None:
             raise bad_input("empty-file", "the file is empty, expected a mapping of keys to values", Place(path))
         document = _plain(root, path, text, tags)
-        if not isinstance(document.data, dict):
+        if not isinstance(document.data, (dict, list) if lists else dict):
             found = "text" if isinstance(document.data, str) else source.describe(document.data)
             message = f"found {found}, expected a mapping of keys to values"
             raise bad_input("not-a-mapping", message, document.values[()])

@@ -66,6 +66,12 @@ SAMPLE_OF_OPENCV = storage(
 """With the names of the calibration program that comes with OpenCV."""
 
 
+def arrays(folder: Path) -> CalibrationFile:
+    """As Python programs keep what OpenCV's calibration returns."""
+    np.savez(folder / "camera.npz", ret=0.3, mtx=K, dist=np.array([PLUMB_BOB]), rvecs=np.zeros((4, 3, 1)))
+    return CalibrationFile(file=str(folder / "camera.npz"), width=1280, height=720)
+
+
 def vins(model: str, projection: Mapping[str, float], distortion: Mapping[str, float]) -> Writer:
     """As camodocal writes it, with OpenCV's writer."""
     parameters = {"distortion_parameters": distortion, "projection_parameters": projection}
@@ -129,6 +135,9 @@ FILES: Mapping[str, tuple[Writer, str, tuple[float, ...], str]] = {
     "OpenCV JSON": (file_storage("json"), *PLUMB_BOB_LENS, "OpenCV FileStorage (JSON)"),
     "OpenCV's sample": (SAMPLE_OF_OPENCV, *PLUMB_BOB_LENS, "OpenCV FileStorage (YAML)"),
     "OpenCV without size": (file_storage("yaml", size=False), *PLUMB_BOB_LENS, "OpenCV FileStorage (YAML)"),
+    "OpenCV, two cameras": (storage("yml", {"camera": "2", "width": 1280, "height": 720}, M1=np.eye(3), D1=np.zeros((1, 14)),
+        M2=K, D2=np.array([(*RATIONAL, *[0.0] * 6)])), *RATIONAL_LENS, "OpenCV FileStorage (YAML): 2"),
+    "NumPy": (arrays, *PLUMB_BOB_LENS, "keys and values (NumPy)"),
     "OpenCV XML, 8": (file_storage("xml", D=RATIONAL), *RATIONAL_LENS, "OpenCV FileStorage (XML)"),
     "OpenCV, 14 with zeros": (file_storage("json", D=(*RATIONAL, *[0.0] * 6)), *RATIONAL_LENS,
         "OpenCV FileStorage (JSON)"),
@@ -173,6 +182,16 @@ def test_every_format_gives_the_same_camera(tmp_path, name):
     assert (found.distortion_model, found.lens_file) == (model, lens_file)
     np.testing.assert_allclose(found.matrix, K, rtol=0, atol=1e-9)
     np.testing.assert_allclose(found.distortion, coefficients, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("case", CASES["same"], ids=lambda case: case["case"])
+def test_formats_typed_from_their_documentation_give_the_same_camera(tmp_path, case):
+    wanted = typed(case["text"], **case.get("wanted", {}))(tmp_path)
+    found = read_calibration(Path(wanted.file), wanted, distortion=case.get("distortion"))[0]
+    assert (found.width, found.height) == SIZE
+    assert (found.distortion_model, found.lens_file) == (case["model"], case["title"])
+    np.testing.assert_allclose(found.matrix, K, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.distortion, case["D"], rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(("model", "parameters", "distortion"), [

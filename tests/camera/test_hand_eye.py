@@ -179,6 +179,18 @@ def test_body_axes_are_turned_into_optical_ones(cell):
     assert [warning for warning in workspace.warnings if warning.code == "doubtful-axes"] == []
 
 
+@pytest.mark.parametrize("case", CASES["same"], ids=lambda case: case["case"])
+def test_numbers_mean_what_their_format_or_the_workspace_says(cell, case):
+    (cell / "pose").write_text(case["text"], encoding="utf-8")
+    stated = case["hand_eye"].replace("FILE", "pose")
+    stated = stated if stated.startswith("urdf") else f"file: pose, {stated}".rstrip(", ")
+    beside = "".join(f"    {key}\n" for key in case["beside"].split(", ") if key)
+    edit(cell, ORIGINAL, f"    hand_eye: {{{stated}}}\n{beside}")
+    camera = load_workspace(cell).cameras["hand"]
+    assert camera.frame == "wrist"
+    np.testing.assert_allclose(camera.X_FC, CASES["matrix"], atol=1e-9)
+
+
 def test_pose_and_calibration_exclude_each_other(cell):
     path = with_hand_eye(cell, "easy_handeye_in_hand.yaml", "    pose: {position: [0, 0, 1]}\n")
     with pytest.raises(InputError, match="exactly one of the keys `pose`, `hand_eye`"):

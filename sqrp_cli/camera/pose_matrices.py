@@ -1,0 +1,198 @@
+"""Camera poses from numbers: matrices, vectors, and the files of programs that estimate or draw cameras.
+
+A matrix does not say in what it is, so the workspace does: `pose_of`, `unit`, `rotation`, and of the camera `frame` and
+`convention`. Formats that define these need not be told. Nothing is guessed.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from math import radians
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from sqrp_cli.camera.calibration_formats import flat, squashed
+from sqrp_cli.camera.camera import CameraEntry
+from sqrp_cli.errors import Place, bad_input, expected_names, first_names
+from sqrp_cli.files.source import KeyPath, SourceDocument, dotted
+from sqrp_cli.files.units import as_number
+from sqrp_cli.geometry import Array, inverse, pose, quaternion_to_matrix, read_only, rpy_to_matrix
+
+_PAIR = re.compile(
+    r"(.*?)(?:(r|rot|rotation|rotmat|rotationmatrix|rmat|rvec|rotvec|quat|quaternion|orientation|q)"
+    r"|(t|trans|translation|translationvector|tvec|position|pos|p))"
+    r"(|(?:cam|camera|base|gripper|w2c|c2w|world|target|tool|ee|flange).*)"
+)
+"""Keys of the two parts of a pose: rotation and position, with what is the same in both before and behind it."""
+_CARRIER = "(?:base|gripper|world|tool|ee|flange|hand|robot|link)"
+_OF_CAMERA = re.compile(rf"cam(?:era)?\d*(?:in|to|2){_CARRIER}|c2w")
+_OF_FRAME = re.compile(rf"{_CARRIER}(?:to|2)cam|w2c")
+_ROTATIONS = {"rotvec": 3, "rpy": 3, "zyx": 3, "xyzw": 4, "wxyz": 4}  # numbers of a notation
+MOST_NESTED = 5  # levels of a file in which poses are looked for
+NEAR_ROTATION = 0.01  # how far rows of a rounded rotation matrix may be from orthonormal
+
+
+class PoseNumbers(NamedTuple):
+    """A pose as a file has it, with what the file's format defines of it."""
+
+    name: str
+    at: KeyPath
+    turn: Sequence[float]
+    """A rotation matrix, row by row, or three or four numbers."""
+    shift: Sequence[float]
+    rotation: str | None = None
+    """How three or four numbers mean a rotation."""
+    pose_of: str | None = None
+    """`camera`: its pose in the frame that carries it; `frame`: that of the frame in the camera."""
+    unit: float | None = None
+    """Length of a unit [m]."""
+    axes: str | None = None
+    """Of the camera, as `convention` of a workspace."""
+
+
+def colmap_images(text: str, path: Path) -> list[PoseNumbers]:
+    """The images of COLMAP's `images.txt`: in every other line number, quaternion, position, camera and name."""
+    lines = [line.split(maxsplit=9) for line in text.splitlines() if not line.lstrip().startswith("#")]
+    found = []
+    for words in lines[::2]:
+        numbers = [as_number(word) for word in words[1:8]]
+        if words and (len(words) < 10 or not np.isfinite(numbers).all()):
+            message = f"found `{' '.join(words)[:60]}`, expected number, qw qx qy qz, tx ty tz, camera and name"
+            raise bad_input("wrong-length", message, Place(path))
+        if words:
+            found.append(PoseNumbers(words[9].strip(), (), numbers[:4], numbers[4:], "wxyz", "frame", None, "optical"))
+    return found
+
+
+def poses_in(document: SourceDocument) -> list[PoseNumbers]:
+    """The poses of a file of keys and values, or of arrays, in its order."""
+    found = list[PoseNumbers]()
+    waiting: list[tuple[KeyPath, object]] = [((), document.data)]
+    while waiting:  # depth first
+        at, held = waiting.pop()
+        inside = held.items() if isinstance(held, dict) else enumerate(held) if isinstance(held, list) else ()
+        pairs: dict[tuple[str, str], dict[str, tuple[KeyPath, list[float]]]] = {}
+        deeper: list[tuple[KeyPath, object]] = []
+        for key, value in inside:
+            numbers, path, name = _numbers(value), (*at, key), squashed(str(key))
+            of, unit, axes = _defined(name, held)
+            label = str(held["file_path"]) if isinstance(held, dict) and "file_path" in held else dotted(path)
+            match, count = _PAIR.fullmatch(name), 0 if numbers is None else len(numbers)
+            if numbers is None and len(at) < MOST_NESTED:
+                deeper.append((path, value))
+            elif numbers and match and count in (3, 4, 9):
+                pairs.setdefault((match[1], match[4]), {})["turn" if match[2] else "shift"] = path, numbers
+            elif numbers and count in (12, 16) and isinstance(value, list | dict):
+                M = np.array(numbers).reshape(-1, 4)
+                if len(M) == 4 and not M[:3, 3].any() and M[3, :3].any():
+                    M = M.T  # column by column, or for points in rows
+                found.append(
+                    PoseNumbers(label, path, M[:3, :3].ravel().tolist(), M[:3, 3].tolist(), None, of, unit, axes)
+                )
+            elif numbers and count in (6, 7):
+                found.append(PoseNumbers(label, path, numbers[3:], numbers[:3], None, of, unit, axes))
+        for (before, after), pair in pairs.items():
+            if len(pair) == 2 and len(pair["shift"][1]) == 3:
+                (path, turn), (_, shift) = pair["turn"], pair["shift"]
+                is_bop = (before, after) == ("cam", "w2c")  # which defines them
+                kind = "rotvec" if "vec" in squashed(str(path[-1])) else None
+                of, unit, axes = ("frame", 1e-3, "optical") if is_bop else _defined(before + after, held)
+                found.append(
+                    PoseNumbers(dotted(at) or before + after or "pose", path, turn, shift, kind, of, unit, axes)
+                )
+        waiting += deeper[::-1]
+    return found
+
+
+def _defined(name: str, held: object) -> tuple[str | None, float | None, str | None]:
+    """What the key of a matrix, and the mapping that has it, say: which pose it is, its unit and axes."""
+    if isinstance(held, dict) and "metersPerSceneUnit" in held and name == "cameraviewtransform":  # of Isaac Sim
+        unit = held["metersPerSceneUnit"]
+        return "frame", float(unit) if isinstance(unit, int | float) else None, "opengl"
+    if isinstance(held, dict) and "file_path" in held and name == "transformmatrix":  # of nerfstudio
+        return "camera", None, "opengl"
+    return "camera" if _OF_CAMERA.search(name) else "frame" if _OF_FRAME.search(name) else None, None, None
+
+
+def _numbers(value: object) -> list[float] | None:
+    """The numbers of a vector or a matrix, also of OpenCV, or of x, y, z, w; None for anything else."""
+    if isinstance(value, dict):
+        value = value.get("data", [value.get(key) for key in ("x", "y", "z", *(["w"] if "w" in value else ()))])
+    value = flat(flat(value))
+    if not isinstance(value, list) or not all(type(one) in (int, float) for one in value):
+        return None
+    return [float(one) for one in value]
+
+
+def chosen_pose(found: Sequence[PoseNumbers], camera: str | None, document: SourceDocument, asked: str) -> PoseNumbers:
+    """The wanted one of a file's poses, or its only one."""
+    names, place = [one.name for one in found], Place(document.path)
+    if camera is not None and camera not in names:
+        message = f"`{asked}.camera`: found `{camera}`, which has no pose in the file; "
+        raise bad_input("unknown-camera", message + expected_names(camera, names), place)
+    fitting = [one for one in found if camera in (None, one.name)]
+    if len(fitting) > 1:
+        mend = f"say which: `{asked}: {{file: {document.path.name}, camera: {names[0]}}}`"
+        raise bad_input("ambiguous-entry", f"the file has the poses {first_names(names)}", place, mend=mend)
+    return fitting[0]
+
+
+def X_of(one: PoseNumbers, place: Place, asked: str, entry: CameraEntry | None) -> Array:
+    """X_FC of a pose, with the camera's axes as the file has them; entry: what the workspace says of the camera.
+
+    Raises InputError where neither file nor workspace says what the numbers are, and for those that are no rotation.
+    """
+    stated = entry.hand_eye if entry is not None else None
+    of, unit, notation = one.pose_of, one.unit, one.rotation
+    if stated is not None:
+        of, unit, notation = stated.pose_of or of, stated.unit or unit, stated.rotation or notation
+    wanted, beside, kinds = [], [], [f"`{name}`" for name, count in _ROTATIONS.items() if count == len(one.turn)]
+    if of is None:
+        wanted.append("`pose_of: camera` if it takes points of the camera to the frame that carries it, else `frame`")
+    if unit is None and any(one.shift):
+        wanted.append("`unit: m`, `mm` or the length of one unit")
+    if kinds and notation is None:
+        in_degrees = ", in radians, or with ` deg` behind it" if len(one.turn) == 3 else ""
+        wanted.append(f"`rotation` as one of {', '.join(kinds)}{in_degrees}")
+    if entry is None or entry.frame is None:
+        beside.append("`frame: world` or the link that carries the camera")
+    if one.axes is None and (entry is None or entry.convention is None):
+        beside.append(
+            "`convention: optical` (z forward, y down), `body` (x forward, z up) or `opengl` (z backward, y up)"
+        )
+    if wanted or beside:
+        message = f"the file does not say what the {len(one.turn) + len(one.shift)} numbers of `{one.name}` mean"
+        told = [f"{where} {' and '.join(keys)}" for where, keys in
+                ((f"in `{asked}`", wanted), ("beside `hand_eye`", beside)) if keys]  # fmt: skip
+        raise bad_input("missing-key", message, place, mend=f"say {'; '.join(told)}")
+    X = pose(_rotation(np.array(one.turn, dtype=float), notation or "", place), np.array(one.shift) * (unit or 1.0))
+    return read_only(inverse(X) if of == "frame" else X)
+
+
+def _rotation(turn: Array, notation: str, place: Place) -> Array:
+    """The rotation matrix (3, 3) of its numbers."""
+    kind, _, unit = notation.partition(" ")
+    if len(turn) == 9:
+        R = turn.reshape(3, 3)
+        if np.abs(R @ R.T - np.eye(3)).max() > NEAR_ROTATION or np.linalg.det(R) < 0:
+            message = "this is no rotation: rows of length 1 at right angles, right-handed, are expected"
+            raise bad_input("not-a-rotation", message, place, mend="is it a pose, and has it no scale or mirror in it?")
+        U, _, V = np.linalg.svd(R)
+        return np.asarray(U @ V)  # the nearest one to rounded numbers
+    if len(turn) != _ROTATIONS[kind]:
+        raise bad_input("wrong-length", f"found {len(turn)} numbers, `{kind}` has {_ROTATIONS[kind]}", place)
+    length = float(np.linalg.norm(turn))
+    if len(turn) == 4 and abs(length - 1.0) > NEAR_ROTATION:
+        raise bad_input("not-a-rotation", f"the quaternion has length {length:.3g}, expected 1", place)
+    if len(turn) == 4:
+        return quaternion_to_matrix(turn if kind == "xyzw" else turn[[1, 2, 3, 0]])
+    if not unit and length > 2 * np.pi * 3**0.5:
+        mend = f"say `rotation: {kind} deg` if these are degrees"
+        raise bad_input("wrong-value", f"found {np.abs(turn).max():g} rad, more than a turn", place, mend=mend)
+    turn, length = (turn * radians(1.0), radians(length)) if unit else (turn, length)
+    if kind != "rotvec":
+        return rpy_to_matrix(turn if kind == "rpy" else turn[::-1])
+    return quaternion_to_matrix([*(0.5 * np.sinc(length / (2 * np.pi)) * turn), np.cos(0.5 * length)])
