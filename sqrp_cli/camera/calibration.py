@@ -94,7 +94,7 @@ def read_calibration(
 def _chosen(document: SourceDocument, wanted: CalibrationFile, asked: str) -> tuple[formats.CameraInFile, str | None]:
     """The wanted camera of a file, and its name if the file has several."""
     found = formats.cameras_in(document.data)
-    if not found and not any(key in document.data for key in formats.TOP_KEYS):
+    if not found and not any((key,) in document.keys for key in formats.TOP_KEYS):
         raise InputError(formats.no_calibration(document.path))
     found = found or [formats.CameraInFile((), {}, "")]
     names: dict[str, formats.CameraInFile] = {}
@@ -221,7 +221,9 @@ def _distortion(
         moved = _moved_by_order(D, K, size)
         if moved > 1e-9:
             message = f"`{model}` of librealsense with p1 and p2 is no known distortion model of ROS or OpenCV"
-            mend = f"say `{key}: plumb_bob` beside `calibration`, as its ROS driver does: pixels move by at most {moved:.2g}"
+            mend = (
+                f"say `{key}: plumb_bob` beside `calibration`, as its ROS driver has it: that is {moved:.2g} pixels off"
+            )
             raise document.error("unknown-distortion-model", at, message, mend)
         told = "plumb_bob" if any(D) else "none"
     model, at = (told, stated.D_at) if told is not None else (model, at)

@@ -237,6 +237,7 @@ _Matrices: Any = MappingOr[_Matrix, _Numbers]  # type: ignore[misc, valid-type]
 _Natural = (Annotated[int, Field(ge=0)], 0)
 _Region = foreign(x_offset=_Natural, y_offset=_Natural, width=_Natural, height=_Natural)
 _CUT = foreign(binning_x=_Natural, binning_y=_Natural, roi=(_Region, Field(default_factory=_Region)))
+_SHARED = ("size", "width", "height", "model", "kind")  # words that cameras of one mapping may have in common
 _PINHOLE = ("fx", "fy", "cx", "cy")
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _Length = Annotated[PixelCount, BeforeValidator(lambda n: int(n) if isinstance(n, float) and n.is_integer() else n)]
@@ -263,9 +264,11 @@ _MARKS = "|".join(FACTS["marks"])
 _MARKED = re.compile(
     rf"(?P<before>{_MARKS}|cam(?:era)?\d*)(?P<first>\w+)|(?P<last>\w+?)_?(?P<after>{_MARKS}|cam(?:era)?\d*|[lr\d])"
 )
-TOP_KEYS = ("cam0", *FACTS["words"]["matrix"], *(key for name in (*_PINHOLE, "D", "width", "height", "size", "model", "kind")
-            for key in FACTS["words"][name]), "Camera_Matrix", "cameraMatrix", "d", "k", "image_Width", "imageSize",
-            "Camera.fx", "Camera1.fx", "Camera.type", "M1")  # fmt: skip
+_TOP_WORDS = ("matrix", *_PINHOLE, "D", "width", "height", "size", "model", "kind")
+TOP_KEYS = (
+    "cam0", "Camera_Matrix", "cameraMatrix", "d", "k", "image_Width", "imageSize", "Camera.fx", "Camera1.fx", "M1",
+    *(key for word in _TOP_WORDS for key in FACTS["words"][word]),
+)  # fmt: skip
 """Keys of which one is at the top of a calibration file in YAML, so that problems may quote it."""
 
 
@@ -301,11 +304,10 @@ def cameras_in(data: object) -> list[CameraInFile]:
             by_mark.setdefault(mark, {}).setdefault(word, path)
         shared = by_mark[""]
         whole = [(mark, words) for mark, words in by_mark.items()
-                 if words.keys() & {"matrix", "params", "projection", "fov"} or len(words.keys() & {*_PINHOLE}) > 1]  # fmt: skip
+                 if words.keys() & {"matrix", "params", "projection", "fov"}
+                 or len(words.keys() & {*_PINHOLE}) > 1]  # fmt: skip
         if whole:
-            common: dict[str, KeyPath] = {
-                word: shared[word] for word in ("size", "width", "height", "model", "kind") if word in shared
-            }
+            common = {word: path for word, path in shared.items() if word in _SHARED}
             found += [CameraInFile(at, {**common, **words}, mark) for mark, words in whole]
             continue
         is_within = any(at[: len(one.at)] == one.at for one in doubtful)
@@ -323,7 +325,7 @@ def format_of(camera: CameraInFile, part: SourceDocument, syntax: str) -> str:
     """The name of a camera's format."""
     if syntax == "COLMAP":
         return "colmap"
-    if syntax == "conf" and _ZED.fullmatch(str(part.within[-1])):
+    if syntax == "conf" and part.within and _ZED.fullmatch(str(part.within[-1])):
         return "zed"
     keys = {squashed(str(key)) for path in [(), *camera.words.values()] for key in
             [*path, *(part.at(path[:-1]) if isinstance(part.at(path[:-1]), dict) else ())]}  # fmt: skip

@@ -125,6 +125,8 @@ def read_hand_eye(
     says so; entry: what the workspace says of the camera. Raises InputError, with the line, for missing keys, values of
     the wrong kind, what is no rotation, and numbers of which neither file nor workspace says what they are.
     """
+    stated = entry.hand_eye if entry is not None else None
+    needless = [key for key in ("pose_of", "unit", "rotation") if getattr(stated, key, None) is not None]
     if is_bag(path):
         pose_file, transforms = "/tf_static of a recording", read_bag(path)
         # A recording may be large: of that, what was read.
@@ -136,6 +138,9 @@ def read_hand_eye(
         reader = next((reader for reader in READERS if re.search(reader.mark, text, re.MULTILINE)), None)
         if reader is None or reader.read is None:
             return _of_numbers(path, read, text, camera, asked, entry)
+        if needless:
+            message = f"`{asked}.{needless[0]}` is of matrices and vectors; this file, {reader.title}, says it itself"
+            raise bad_input("conflicting-keys", message, Place(path), mend=f"leave `{needless[0]}` out")
         pose_file, found = reader.title, reader.read(path, read, text)
         if isinstance(found, StaticTransform):
             return found
@@ -439,7 +444,7 @@ READERS = (
     PoseReader("a URDF", r"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!--[\s\S]*?-->\s*)*<robot\b", _read_urdf),
     PoseReader(PUBLISHER, PUBLISHER, _read_launch),
     PoseReader("TF messages", r"^[ \t]*child_frame_id:|^transforms:", _read_messages),
-    PoseReader("easy_handeye", rf"^[ \t]*(?:{'|'.join(_KEYS[:4])}):\s*(?:\Z|[^\s\[!])", _easy_handeye),
+    PoseReader("easy_handeye", rf"^[ \t]*(?:{'|'.join(_KEYS[:4])}):\s*[^\s\[!-]", _easy_handeye),
     PoseReader("COLMAP's images.txt", _COLMAP.pattern, None),
 )
 """Formats by content; a file of none of these has numbers alone."""

@@ -146,9 +146,16 @@ def X_of(one: PoseNumbers, place: Place, asked: str, entry: CameraEntry | None) 
     Raises InputError where neither file nor workspace says what the numbers are, and for those that are no rotation.
     """
     stated = entry.hand_eye if entry is not None else None
+    for key in ("pose_of", "unit", "rotation"):
+        own, told = getattr(one, key), getattr(stated, key, None)
+        if None not in (own, told) and own != told:
+            message = (
+                f"`{asked}.{key}` is `{told}`, but by the format of the file, or the name of its key, it is `{own}`"
+            )
+            raise bad_input("wrong-value", message, place, mend=f"leave `{key}` out")
     of, unit, notation = one.pose_of, one.unit, one.rotation
     if stated is not None:
-        of, unit, notation = stated.pose_of or of, stated.unit or unit, stated.rotation or notation
+        of, unit, notation = of or stated.pose_of, unit or stated.unit, notation or stated.rotation
     wanted, beside, kinds = [], [], [f"`{name}`" for name, count in _ROTATIONS.items() if count == len(one.turn)]
     if of is None:
         wanted.append("`pose_of: camera` if it takes points of the camera to the frame that carries it, else `frame`")
