@@ -68,17 +68,6 @@ def read_mesh(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -
     return Triangles(vertices, faces if np.prod(scale) > 0.0 else faces[:, ::-1])
 
 
-def is_empty(path: Path) -> bool:
-    """Whether a mesh file is sound but has no triangles. Raises as `read_mesh` for one that is not."""
-    try:
-        _surface(path)
-    except InputError as error:
-        if error.problems[0].code != "mesh-empty":
-            raise
-        return True
-    return False
-
-
 def mesh_unit(path: Path) -> float:
     """The length of the unit of a mesh file [m]: what a COLLADA file says, otherwise 1. Raises as `read_mesh`."""
     return _surface(path)[2]

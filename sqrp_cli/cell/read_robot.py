@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
 
-from sqrp_cli.cell.mesh import is_empty, read_mesh
+from sqrp_cli.cell.mesh import read_mesh
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, no_such
 from sqrp_cli.files import packages, units
 from sqrp_cli.files.entries import XacroEntry
@@ -27,7 +27,6 @@ from sqrp_cli.robot.robot_xml import RobotSource
 from sqrp_cli.robot.urdf import TOOL_TIP, LinkGeometry, UrdfJoint, UrdfModel, tool_of_boxes, with_tip
 from sqrp_cli.shapes import Mesh, Part
 
-MOST_OF_NOTHING = 10_000  # most bytes of a mesh file without triangles
 MAX_ARM_JOINTS = 20  # most joints that move the tool frame; each makes inverse kinematics and motion slower
 
 
@@ -118,40 +117,35 @@ class RobotReader:
             raise bad_input("unreadable-file", f"{mesh.path}: {error.strerror}", place) from error
 
     def _read_urdf(self, entry: XacroEntry | str, path: KeyPath, prefix: str = "") -> UrdfModel:
-        urdf = self._without_empty(read_urdf(*self.described(entry, path)).prefixed(prefix))
+        """A description with its meshes; those without triangles are left out of it, with a warning."""
+        urdf, empty, count = read_urdf(*self.described(entry, path)).prefixed(prefix), set[LinkGeometry](), -1
         self.warnings += urdf.warnings
         self.digest[dotted(path)] = source_file(urdf.path, urdf.content)
-        parts = urdf.parts(self.entry.geometry, partial(packages.resolve_mesh, self.roots))
+        while count < len(empty):  # without its collision geometry, a link has its visual one
+            count = len(empty)
+            links = {
+                name: replace(
+                    link,
+                    collision=tuple(piece for piece in link.collision if piece not in empty),
+                    visual=tuple(piece for piece in link.visual if piece not in empty),
+                )
+                for name, link in urdf.links.items()
+            }
+            urdf = replace(urdf, links=links) if empty else urdf
+            parts = urdf.parts(self.entry.geometry, partial(packages.resolve_mesh, self.roots))
+            pieces = (piece for link in urdf.links.values() for piece in link.geometry(self.entry.geometry))
+            for part, piece in zip(parts, pieces, strict=True):
+                if isinstance(part.shape, Mesh):
+                    try:
+                        self.add_mesh(f"{dotted(path)}.{part.name}", part.shape, piece.place)
+                    except InputError as error:
+                        if error.problems[0].code != "mesh-empty":
+                            raise
+                        empty.add(piece)
+                        message = f"a mesh without triangles is left out, of `{part.parent}`: {part.shape.path}"
+                        self.warnings.append(Problem("no-size", message, piece.place, severity="warning"))
         self._parts += parts
-        pieces = (piece for link in urdf.links.values() for piece in link.geometry(self.entry.geometry))
-        for part, piece in zip(parts, pieces, strict=True):
-            if isinstance(part.shape, Mesh):
-                self.add_mesh(f"{dotted(path)}.{part.name}", part.shape, piece.place)
         return urdf
-
-    def _without_empty(self, urdf: UrdfModel) -> UrdfModel:
-        """A description without the meshes that have no triangles, with a warning about them."""
-        empty: dict[str, Place] = {}
-        for piece in (piece for link in urdf.links.values() for piece in (*link.collision, *link.visual)):
-            if isinstance(piece.shape, tuple) and piece.shape[0] not in empty:
-                with suppress(InputError):  # one that is not found is reported where it is used
-                    file = packages.resolve_mesh(self.roots, piece.shape[0], urdf.path)
-                    if file.stat().st_size <= MOST_OF_NOTHING and is_empty(file):
-                        empty[piece.shape[0]] = piece.place
-        if not empty:
-            return urdf
-
-        def solid(pieces: tuple[LinkGeometry, ...]) -> tuple[LinkGeometry, ...]:
-            return tuple(one for one in pieces if not (isinstance(one.shape, tuple) and one.shape[0] in empty))
-
-        message = "a mesh without triangles is left out: " + ", ".join(f"`{name}`" for name in empty)
-        place, mend = next(iter(empty.values())), "export it again, or remove it"
-        self.warnings.append(Problem("no-size", message, place, severity="warning", mend=mend))
-        links = {
-            name: replace(link, collision=solid(link.collision), visual=solid(link.visual))
-            for name, link in urdf.links.items()
-        }
-        return replace(urdf, links=links)
 
     def read_robot(self) -> robot.Robot:
         """The robot; meaningful only if `problems` is empty afterwards."""

@@ -7,10 +7,11 @@ keep the frame of the mesh's own file. MuJoCo is imported here once it is certai
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from importlib.util import find_spec
+from os.path import relpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from warnings import catch_warnings
@@ -28,7 +29,6 @@ from sqrp_cli.records import dataclass
 if TYPE_CHECKING:
     import mujoco
 
-MJCF_ROOT = "mujoco"  # the root element of MJCF
 NAMED = 5  # most names in a warning
 MESH_ENDS = (".stl", ".obj")  # of the mesh files of MuJoCo that SQRP reads, too
 STAND_IN = 1e-3  # radius of the sphere that stands for a mesh [m]
@@ -56,27 +56,24 @@ class Scene:
     """Of each geom that had one, by name; None for one that is left out."""
     weighed: frozenset[str]  # the bodies whose mass follows from no mesh
     path: Path
-    places: Mapping[tuple[str, str], Place]  # of elements of the file, by tag and name
     lost: dict[str, list[str]]
     """Names of what becomes something else, or nothing, by what is said about it."""
 
-    def told(self, tag: str, attributes: Mapping[str, str], inside: Iterable[Told] = (), source: str = "body") -> Told:
-        """An element, placed where what it comes from is, a `source` of its name."""
-        place = self.places.get((source, attributes.get("name", "")), Place(self.path))
-        return [tag, dict(attributes), str(self.path), place.line, place.column, [*inside]]
+    def told(self, tag: str, attributes: Mapping[str, str], inside: Iterable[Told] = ()) -> Told:
+        """An element."""
+        return [tag, dict(attributes), str(self.path), None, None, [*inside]]
 
 
 def mjcf_as_urdf(path: Path, root: Element) -> tuple[Told, tuple[Problem, ...]]:
     """The `<robot>` that an MJCF stands for, and warnings about what it says otherwise or not at all.
 
-    root: of the file, which tells where elements are. The robot is every tree of bodies with a joint that an actuator
+    root: of the file. The robot is every tree of bodies with a joint that an actuator
     moves, or without actuators with any joint. One that begins with a body that is fixed or floats has it as its root,
     otherwise the root is the world. Sites are links, too: frames of tools are among them.
 
     Raises InputError for a file that MuJoCo cannot read or that has no such tree, or if it is not installed.
     """
-    places = {(one.tag, one.attributes["name"]): one.place for one in root.inside() if "name" in one.attributes}
-    scene = _compiled(path, places)
+    scene = _compiled(path)
     model, bases = scene.model, _bases(scene)
     bodies = [body for body in range(1, model.nbody) if model.body_rootid[body] in bases]
     own = {body: _moving(scene, body) for body in bodies}
@@ -91,38 +88,26 @@ def mjcf_as_urdf(path: Path, root: Element) -> tuple[Told, tuple[Problem, ...]]:
         for site in np.flatnonzero(model.site_bodyid == body).tolist():
             name = model.site(site).name
             if name and name not in taken:
-                X_BS = pose(quaternion_to_matrix(np.roll(model.site_quat[site], -1)), model.site_pos[site])
-                told.append(scene.told("link", {"name": name}, source="site"))
+                X_BS = _pose(model.site_pos[site], model.site_quat[site])
+                told.append(scene.told("link", {"name": name}))
                 told.append(_joint(scene, f"{name}/fixed", (model.body(body).name, name), X_BS))
 
-    warnings = [
-        Problem("mjcf", f"{said}: {', '.join(names[:NAMED])}{f' and {more} more' if more > 0 else ''}", Place(path),
-                severity="warning")
-        for said, names in scene.lost.items() for more in [len(names) - NAMED]
-    ]  # fmt: skip
+    warnings = []
+    for said, names in scene.lost.items():
+        more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+        message = f"{said}: {', '.join(f'`{name}`' for name in names[:NAMED])}{more}"
+        warnings.append(Problem("mjcf", message, Place(path), severity="warning"))
     return scene.told("robot", {"name": root.attributes.get("model") or path.stem}, told), tuple(warnings)
 
 
-def _imported() -> Any:  # noqa: ANN401 - it has no types
-    """MuJoCo, which finds out while it is imported how it can draw; to read files it need not."""
+def _compiled(path: Path) -> Scene:
+    """The file as MuJoCo compiles it; bodies, joints and geoms without a name get one."""
     if find_spec("mujoco") is None:
-        raise bad_input("missing-extra", "MJCF needs the extra `sim`", mend="pip install mujoco")
-    stated = os.environ.get("MUJOCO_GL")
-    try:
+        raise bad_input("missing-extra", "an MJCF needs the extra `sim`", mend="pip install mujoco")
+    with suppress(InputError):  # it finds out how it can draw while it is imported, but may also do without
         check_simulator()
-    except InputError:
-        os.environ["MUJOCO_GL"] = "off"
     with interrupts_later():
         import mujoco
-    if os.environ["MUJOCO_GL"] == "off":
-        os.environ.pop("MUJOCO_GL")
-        os.environ |= {} if stated is None else {"MUJOCO_GL": stated}
-    return mujoco
-
-
-def _compiled(path: Path, places: Mapping[tuple[str, str], Place]) -> Scene:
-    """The file as MuJoCo compiles it; bodies, joints and geoms without a name get one."""
-    mujoco = _imported()
     kinds, lost = mujoco.mjtGeom, dict[str, list[str]]()
     mujoco.set_mju_user_warning(lambda _: None)  # else they go to a file in this folder
     try:
@@ -145,17 +130,12 @@ def _compiled(path: Path, places: Mapping[tuple[str, str], Place]) -> Scene:
             one.material = ""
         for one in (*spec.skins, *spec.flexes, *spec.meshes, *spec.hfields, *spec.materials, *spec.textures):
             spec.delete(one)
-        weighed = {body.name for body in spec.bodies if body.explicitinertial and not always}
-        weighed |= {body.name for body in spec.bodies} - of_mesh
+        weighed = [one.name for one in spec.bodies if one.name not in of_mesh or (one.explicitinertial and not always)]
         with catch_warnings(action="ignore"):
-            return Scene(spec.compile(), meshes, frozenset(weighed), path, places, lost)
-    except InputError:
-        raise
+            return Scene(spec.compile(), meshes, frozenset(weighed), path, lost)
     except Exception as error:  # of several types, some of its own
         why = re.sub(r"^(XML )?(Error: )+", "", " ".join(str(error).split()))
-        line = re.search(r", line ([1-9]\d*)$", why)
-        place = Place(path, int(line[1]) if line and b"<include" not in path.read_bytes() else None)
-        raise bad_input("mjcf", f"MuJoCo cannot read this file: {why}", place) from error
+        raise bad_input("mjcf", f"MuJoCo cannot read this file: {why}", Place(path)) from error
     finally:
         mujoco.set_mju_user_warning(None)
 
@@ -169,32 +149,26 @@ def _mesh(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh, path: Path, lost: dict[str,
     found = [there for folder in folders for there in (folder / directory / file, folder / file) if there.is_file()]
     turned = not np.array_equal(mesh.refquat / np.linalg.norm(mesh.refquat), [1.0, 0.0, 0.0, 0.0])
     if not (file and file.lower().endswith(MESH_ENDS)) or (turned and np.ptp(mesh.scale) > 0.0):
-        what = "meshes that no file of STL or OBJ has as they are; their shapes are left out"
-        lost.setdefault(what, []).append(f"`{mesh.name}`")
+        lost.setdefault("meshes that no file of STL or OBJ has as they are are left out", []).append(mesh.name)
         return None
     R = quaternion_to_matrix(np.roll(mesh.refquat, -1)).T
-    return (
-        str(found[0] if found else folders[0] / directory / file),
-        mesh.scale,
-        pose(R, -(R * mesh.scale) @ mesh.refpos),
-    )
+    X_GM = pose(R, -(R * mesh.scale) @ mesh.refpos)
+    return relpath(found[0] if found else folders[0] / directory / file, folders[0]), mesh.scale, X_GM
 
 
 def _bases(scene: Scene) -> list[int]:
     """The bodies with which the robot's trees begin. Raises InputError if there are none."""
     model = scene.model
-    hinges = [joint for joint in range(model.njnt) if model.jnt_type[joint] in (SLIDE, HINGE)]
-    jointed = {int(model.body_rootid[model.jnt_bodyid[joint]]) for joint in hinges}
-    moved = {int(model.body_rootid[model.jnt_bodyid[joint]]) for joint in _motors(model)}
-    bases = sorted((moved & jointed) or jointed)
+    base_of = model.body_rootid[model.jnt_bodyid]
+    jointed = {*base_of[np.isin(model.jnt_type, (SLIDE, HINGE))].tolist()}
+    bases = sorted(jointed & {int(base_of[joint]) for joint in _motors(model)} or jointed)
     if not bases:
         message = "no joint of this file turns or slides, expected those of an arm"
         raise bad_input("no-arm", message, Place(scene.path), mend="name the file of the robot, not of an object")
-    others = {int(model.geom_bodyid[geom]) for geom in range(model.ngeom) if model.geom_type[geom] != PLANE}
-    others = {int(model.body_rootid[body]) for body in others} - {*bases}
+    others = {*model.body_rootid[model.geom_bodyid[model.geom_type != PLANE]].tolist()} - {*bases}
     if others:
         said = "of the scene, what no actuator moves is left out; state it as `objects`"
-        scene.lost[said] = [f"`{model.body(body).name}`" for body in sorted(others)]
+        scene.lost[said] = [model.body(body).name for body in sorted(others)]
     return bases
 
 
@@ -219,13 +193,11 @@ def _moving(scene: Scene, body: int) -> list[int]:
     """The joints of a body that turn or slide within limits; if it has others, as a base on wheels, it stands still."""
     model = scene.model
     joints = [*range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])]
-    if all(
-        model.jnt_type[joint] == HINGE or (model.jnt_type[joint] == SLIDE and model.jnt_limited[joint])
-        for joint in joints
-    ):
+    kinds = [(model.jnt_type[joint], bool(model.jnt_limited[joint])) for joint in joints]
+    if all(kind == HINGE or (kind == SLIDE and limited) for kind, limited in kinds):
         return joints
     said = "bodies that float, turn about every axis or slide without limits stand still"
-    scene.lost.setdefault(said, []).append(f"`{model.body(body).name}`")
+    scene.lost.setdefault(said, []).append(model.body(body).name)
     return []
 
 
@@ -238,11 +210,8 @@ def _followers(scene: Scene, moving: set[int]) -> tuple[dict[int, Follower], dic
     model, following, held = scene.model, dict[int, Follower](), dict[int, float]()
     motors, ref = _motors(model), [float(model.qpos0[address]) for address in model.jnt_qposadr]
     for row in np.flatnonzero((model.eq_type == JOINT_EQUALITY) & (model.eq_active0 != 0)).tolist():
-        one, other, (a, b, *more) = (
-            int(model.eq_obj1id[row]),
-            int(model.eq_obj2id[row]),
-            model.eq_data[row][:5].tolist(),
-        )
+        one, other = int(model.eq_obj1id[row]), int(model.eq_obj2id[row])
+        a, b, *more = model.eq_data[row][:5].tolist()
         if one not in moving or one in following or one in held:
             continue
         if other not in moving or b == 0.0:
@@ -252,20 +221,18 @@ def _followers(scene: Scene, moving: set[int]) -> tuple[dict[int, Follower], dic
         elif other not in following:
             following[other] = one, 1.0 / b, ref[other] - (ref[one] + a) / b
         if any(more):
-            name = f"`{model.joint(one).name}`"
-            scene.lost.setdefault("joints that follow another one by a curve, taken as straight", []).append(name)
-    for joint in [*following]:
-        leader, b, a = following[joint]
+            said = "joints that follow another one by a curve, taken as straight"
+            scene.lost.setdefault(said, []).append(model.joint(one).name)
+    for joint, (leader, b, a) in [*following.items()]:
         passed = {joint}
         while leader in following and leader not in passed:  # a chain of them
             passed.add(leader)
             leader, next_b, next_a = following[leader]
             b, a = b * next_b, b * next_a + a
+        following[joint] = leader, b, a
         if leader in held or leader in passed:
-            held[joint] = b * held.get(leader, ref[leader]) + a
             del following[joint]
-        else:
-            following[joint] = leader, b, a
+            held[joint] = b * held.get(leader, ref[leader]) + a
     return following, held
 
 
@@ -276,7 +243,7 @@ def _link(scene: Scene, body: int) -> Told:
     drawn, pieces = {*model.geom_group[~touching].tolist()}, list[Told]()
     for geom in range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body]):
         called, kind, (x, y, z) = model.geom(geom).name, int(model.geom_type[geom]), model.geom_size[geom].tolist()
-        X_BG = pose(quaternion_to_matrix(np.roll(model.geom_quat[geom], -1)), model.geom_pos[geom])
+        X_BG = _pose(model.geom_pos[geom], model.geom_quat[geom])
         if called in scene.meshes:
             if (mesh := scene.meshes[called]) is None:
                 continue
@@ -284,7 +251,7 @@ def _link(scene: Scene, body: int) -> Told:
         elif kind in (BOX, ELLIPSOID):
             shape = "box", {"size": _text((2 * x, 2 * y, 2 * z))}
             if kind == ELLIPSOID:
-                scene.lost.setdefault("ellipsoids, taken as the boxes around them", []).append(f"`{called}`")
+                scene.lost.setdefault("ellipsoids, taken as the boxes around them", []).append(called)
         elif kind in ROUND:
             shape = ROUND[kind], {"radius": _text((x,)), **({} if kind == SPHERE else {"length": _text((2 * y,))})}
         else:
@@ -293,15 +260,13 @@ def _link(scene: Scene, body: int) -> Told:
         tags = ["collision"] if touching[geom] else []
         if model.geom_rgba[geom, 3] > 0.0 and (not touching[geom] or int(model.geom_group[geom]) in drawn):
             tags.append("visual")
-        pieces += [scene.told(tag, {"name": called}, inside, "geom") for tag in tags]
+        pieces += [scene.told(tag, {"name": called}, inside) for tag in tags]
     if name in scene.weighed and (mass := float(model.body_mass[body])) > 0.0:
-        R = quaternion_to_matrix(np.roll(model.body_iquat[body], -1))
-        moments = R @ np.diag(model.body_inertia[body]) @ R.T
-        stated = {"i" + "xyz"[i] + "xyz"[j]: _text((moments[i, j],)) for i in range(3) for j in range(i, 3)}
-        mass_and_moments = scene.told("mass", {"value": _text((mass,))}), scene.told("inertia", stated)
-        pieces.append(
-            scene.told("inertial", {}, [_origin(scene, pose(position=model.body_ipos[body])), *mass_and_moments])
-        )
+        X_BI = _pose(model.body_ipos[body], model.body_iquat[body])
+        moments = X_BI[:3, :3] @ np.diag(model.body_inertia[body]) @ X_BI[:3, :3].T
+        stated = {f"i{'xyz'[i]}{'xyz'[j]}": _text((moments[i, j],)) for i in range(3) for j in range(i, 3)}
+        inside = [scene.told("mass", {"value": _text((mass,))}), scene.told("inertia", stated)]
+        pieces.append(scene.told("inertial", {}, [_origin(scene, pose(position=X_BI[:3, 3])), *inside]))
     return scene.told("link", {"name": name}, pieces)
 
 
@@ -310,12 +275,8 @@ def _joints_to(
 ) -> Iterator[Told]:
     """The joints that carry a body, one after the other, with links between them and where an axis is elsewhere."""
     model, name, motors = scene.model, scene.model.body(body).name, _motors(scene.model)
-    parent, X_PB = (
-        model.body_parentid[body],
-        pose(quaternion_to_matrix(np.roll(model.body_quat[body], -1)), model.body_pos[body]),
-    )
+    parent, X_PB = model.body_parentid[body], _pose(model.body_pos[body], model.body_quat[body])
     carrier = WORLD if parent == 0 else model.body(parent).name
-    moving = [joint for joint in joints if joint not in held]
     for joint in joints:
         ref, axis = float(model.qpos0[model.jnt_qposadr[joint]]), model.jnt_axis[joint]
         at, turns = pose(position=model.jnt_pos[joint]), model.jnt_type[joint] == HINGE
@@ -326,9 +287,7 @@ def _joints_to(
             X_PB = X_PJ @ X_PB
             continue
         called, bounded = model.joint(joint).name, bool(model.jnt_limited[joint])
-        child = (
-            name if joint == moving[-1] and joint == joints[-1] and not model.jnt_pos[joint].any() else f"{called}/axis"
-        )
+        child = name if joint == joints[-1] and not model.jnt_pos[joint].any() else f"{called}/axis"
         lower, upper = model.jnt_range[joint].tolist() if bounded else (0.0, 0.0)
         limit = {"lower": _text((lower,)), "upper": _text((upper,)), "effort": _text((motors.get(joint, 0.0),))}
         more = [scene.told("axis", {"xyz": _text(axis)}), scene.told("limit", limit)]
@@ -345,11 +304,16 @@ def _joints_to(
         yield _joint(scene, f"{name}/fixed", (carrier, name), X_PB)
 
 
+def _pose(position: Array, wxyz: Array) -> Array:
+    """The pose of a position and a quaternion as MuJoCo has it, shape (4, 4)."""
+    return pose(quaternion_to_matrix(np.roll(wxyz, -1)), position)
+
+
 def _joint(
     scene: Scene, name: str, links: tuple[str, str], X_PJ: Array, kind: str = "fixed", more: Iterable[Told] = ()
 ) -> Told:
     ends = [scene.told(tag, {"link": link}) for tag, link in zip(("parent", "child"), links, strict=True)]
-    return scene.told("joint", {"name": name, "type": kind}, [*ends, _origin(scene, X_PJ), *more], "joint")
+    return scene.told("joint", {"name": name, "type": kind}, [*ends, _origin(scene, X_PJ), *more])
 
 
 def _origin(scene: Scene, X: Array) -> Told:

@@ -21,7 +21,7 @@ from sqrp_cli.files.units import LARGEST_LENGTH, NO_LIMIT, SMALLEST_LIMIT, SMALL
 from sqrp_cli.files.xml_file import Element
 from sqrp_cli.geometry import Array, displacement, pose, read_only, rpy_to_matrix
 from sqrp_cli.robot import urdf
-from sqrp_cli.robot.robot_xml import RobotSource, read_mjcf_or_urdf
+from sqrp_cli.robot.robot_xml import RobotSource, read_robot_xml
 from sqrp_cli.shapes import FIGURES, shape_of
 
 MAX_LINKS, MAX_JOINTS, MAX_SHAPES = 2000, 200, 500
@@ -54,7 +54,7 @@ def read_urdf(path: Path, source: RobotSource | None = None) -> urdf.UrdfModel:
     that is not supported (floating, planar), a mass or moment of inertia below 0, too many links, joints or shapes, and
     links that do not form one tree.
     """
-    xml = read_mjcf_or_urdf(path, source)
+    xml = read_robot_xml(path, source, mjcf=True)
     robot = xml.robot
     moving = sum(joint.attributes.get("type", "").strip() != "fixed" for joint in robot.all("joint"))
     if (count := len([*robot.all("link")])) > MAX_LINKS or moving > MAX_JOINTS:

@@ -18,7 +18,7 @@ from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_name
 from sqrp_cli.files.input_file import read_input
 from sqrp_cli.files.xml_file import MAX_BYTES, MAX_DEPTH, Element, parse_xml
 from sqrp_cli.records import dataclass
-from sqrp_cli.robot.mjcf import MJCF_ROOT, mjcf_as_urdf
+from sqrp_cli.robot.mjcf import mjcf_as_urdf
 
 MAX_SECONDS = 20  # most computing time of an expansion [s]
 MAX_MEMORY = 1_500_000_000  # most memory of an expansion [bytes]
@@ -52,14 +52,15 @@ _OLD_TAGS = frozenset({"include", "macro", "property", "insert_block"})
 """Tags of xacro before 2014, without its prefix; those that are properties of the whole file are read all the same."""
 
 
-def read_robot_xml(path: Path, source: RobotSource | None = None) -> RobotXml:
+def read_robot_xml(path: Path, source: RobotSource | None = None, *, mjcf: bool = False) -> RobotXml:
     """A URDF or SRDF. A file with xacro elements is expanded, whatever its name.
 
-    Raises InputError as `read_xml` and `_expanded`, and for arguments of a file that is no xacro.
+    mjcf: whether an MJCF will do, too: as the URDF that it stands for. Raises InputError as `read_xml`, `_expanded` and
+    `mjcf_as_urdf`, and for arguments of a file that is no xacro.
     """
     source = source or RobotSource()
     content = read_input(path, MAX_BYTES)
-    root = parse_xml(path, content, ROOT)
+    root = parse_xml(path, content, None if mjcf and b"<mujoco" in content else ROOT)
     if any("${" in value or "$(" in value or one.tag.startswith("xacro:")
            for one in (root, *root.inside()) for value in ("", *one.attributes.values())):  # fmt: skip
         return _expanded(path, source)
@@ -68,22 +69,10 @@ def read_robot_xml(path: Path, source: RobotSource | None = None) -> RobotXml:
         message = f"this file has no xacro elements, so it takes no arguments; found {named}"
         mend = "leave the arguments out, or name the .xacro file"
         raise bad_input("xacro-argument", message, root.place, mend=mend)
-    return RobotXml(root, None, content)
-
-
-def read_mjcf_or_urdf(path: Path, source: RobotSource | None = None) -> RobotXml:
-    """As `read_robot_xml`, also of an MJCF: the URDF that it stands for."""
-    if b"<mujoco" not in (content := read_input(path, MAX_BYTES)):
-        return read_robot_xml(path, source)
-    if (root := parse_xml(path, content, None)).tag != MJCF_ROOT:
-        return read_robot_xml(path, source)
-    if source and source.arguments:
-        message, mend = "an MJCF takes no arguments", "leave them out"
-        raise bad_input("xacro-argument", message, root.place, mend=mend)
+    if root.tag == ROOT:
+        return RobotXml(root, None, content)
     told, warnings = mjcf_as_urdf(path, root)
-    lines = list[str]()
-    robot = _element(told, 0, lines)
-    text = "\n".join(lines) + "\n"
+    robot, text = _described(told)
     return RobotXml(robot, text, text.encode(), warnings=warnings, is_mjcf=True)
 
 
@@ -127,16 +116,20 @@ def _expanded(path: Path, source: RobotSource) -> RobotXml:
         if name not in known:
             message = f"the file takes no argument `{name}`; {expected_names(name, known)}"
             raise bad_input("xacro-argument", message, Place(path))
-    lines = list[str]()
-    root = _element(found["root"], 0, lines)
+    root, text = _described(found["root"])
     if root.tag != ROOT:
         raise root.error("wrong-root", f"the file begins with <{root.tag}>, expected <{ROOT}>")
     old = next((child for child in root.children if child.tag in _OLD_TAGS), None)
     if old is not None:
         message = f"{old} is of xacro before 2014 and has no meaning in a URDF, expected <xacro:{old.tag}>"
         raise bad_input("xacro", message, old.place, mend=f"write `xacro:{old.tag}`")
-    text = "\n".join(lines) + "\n"
     return RobotXml(root, text, text.encode(), (*found["packages"],), (*warnings,))
+
+
+def _described(told: list[Any]) -> tuple[Element, str]:
+    """A description as `_element` takes it, and as XML."""
+    lines = list[str]()
+    return _element(told, 0, lines), "\n".join(lines) + "\n"
 
 
 def _element(told: list[Any], depth: int, lines: list[str]) -> Element:

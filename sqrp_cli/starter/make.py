@@ -204,10 +204,15 @@ def _tried(
 
     A layout with home position, reachable cubes and cameras, as far as they are found, for each stand.
     """
-    bare = _load(layout)
-    layout = _with_hand(layout, description, arm, bare)
+    bare, bare_layout = _load(layout), layout
+    layout = _with_hand(bare_layout, description, arm, bare)
     seated = _load(layout)
     reach, down = search.arm_reach(seated.model), search.places_pointing_down(seated.model)
+    if not len(down):  # it may point the other way only: the tool frame is upside down
+        turned = _with_hand(bare_layout, description, replace(arm, out=-arm.out), bare)
+        other = _load(turned)
+        if len(upside := search.places_pointing_down(other.model)):
+            layout, seated, down = turned, other, upside
     size = _cube_size(reach, layout.grip)
     tried: list[tuple[Layout, str]] = []
     for there in search.stands(replace(layout, cube_size=size), seated, bare, reach, down):

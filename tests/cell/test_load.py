@@ -19,7 +19,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.run.record.bag_recorder import robot_description
-from sqrp_cli.shapes import Box
+from sqrp_cli.shapes import Box, Sphere
 from sqrp_cli.skill.settings import Reference
 from sqrp_cli.skill.skill import JointMove, RetryEntry
 from tests.cells import ROOT, edit, refusal, refused
@@ -245,3 +245,21 @@ def test_a_workspace_that_has_changed_since_it_was_read_is_not_written_over(cell
     assert file.read_bytes() == changed
     replace_workspace(read_workspace_document(file), document.content)
     assert file.read_bytes() == document.content
+
+
+@pytest.mark.parametrize("reference", ["nothing.stl", "model://parts/nothing.stl"])
+def test_a_mesh_without_triangles_is_left_out_and_its_link_has_its_other_geometry(cell, reference, monkeypatch):
+    models = cell.parent / "models"
+    for folder in (cell, models / "parts"):
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "nothing.stl").write_bytes(bytes(84))
+    monkeypatch.setenv("GAZEBO_MODEL_PATH", str(models))
+    collision = f'<collision><geometry><mesh filename="{reference}"/></geometry></collision>'
+    visual = '<visual><geometry><sphere radius="0.02"/></geometry></visual>'
+    edit(cell / "arm.urdf", '<link name="wrist"/>', f'<link name="wrist">{collision}{visual}</link>')
+    workspace = load_workspace(cell)
+    assert [part.shape for part in workspace.robot.parts if part.parent == "wrist"] == [Sphere(0.02)]
+    (warning,) = [warning for warning in workspace.warnings if warning.code == "no-size"]
+    assert "of `wrist`" in warning.message
+    monkeypatch.delenv("GAZEBO_MODEL_PATH")
+    assert "://" not in reference or "GAZEBO_MODEL_PATH" in str(refusal(cell))

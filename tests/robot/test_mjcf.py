@@ -108,7 +108,7 @@ def test_meshes_lie_where_mujoco_has_them_and_their_bodies_weigh_as_much(tmp_pat
         first, count = (int(of[geom.dataid[0]]) for of in (model.mesh_vertadr, model.mesh_vertnum))
         X_BG = pose(quaternion_to_matrix(np.roll(geom.quat, -1)), geom.pos)
         theirs = transform(X_BG, model.mesh_vert[first : first + count].astype(float))
-        ours = transform(piece.X_LG, read_mesh(Path(piece.shape[0]), piece.shape[1]).vertices)
+        ours = transform(piece.X_LG, read_mesh(tmp_path / piece.shape[0], piece.shape[1]).vertices)
         for corner in theirs:
             assert np.linalg.norm(ours - corner, axis=1).min() < 1e-6
     R, inertial = quaternion_to_matrix([0.0, 0.6, 0.0, 0.8]), link.inertial

@@ -16,6 +16,7 @@ from sqrp_cli.camera.markers import DICTIONARIES, Marker, opencv_name
 from sqrp_cli.cell.mesh import read_mesh
 from sqrp_cli.cell.scene import FLOOR_DEPTH
 from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.errors import InputError
 from sqrp_cli.files.packages import resolve_mesh
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.platform.interrupts import interrupts_later
@@ -151,7 +152,11 @@ def _add_urdf(spec: mujoco.MjSpec, urdf: UrdfModel, robot: Robot, parent: mujoco
             added.actfrclimited, added.actfrcrange[:] = True, (-joint.effort, joint.effort)
     resolve = partial(resolve_mesh, robot.package_roots)
     for part in urdf.parts("visual", resolve):
-        _add_part(spec, bodies[part.parent], part, _ROBOT_COLOR)
+        try:
+            _add_part(spec, bodies[part.parent], part, _ROBOT_COLOR)
+        except InputError as error:  # where it is not the geometry that is solid, nobody left these out
+            if error.problems[0].code != "mesh-empty":
+                raise
     for part in urdf.parts("collision", resolve):
         inertial = urdf.links[part.parent].inertial
         density = DENSITY if inertial is None or inertial.mass <= 0.0 else 0.0
@@ -170,6 +175,7 @@ def _add_part(
     touches, density = felt or (0, 0.0)
     group = DRAWN if felt is None else FELT
     kinds, inertias, mesh = mujoco.mjtGeom, mujoco.mjtMeshInertia, part.shape
+    triangles = read_mesh(mesh.path, mesh.scale) if isinstance(mesh, Mesh) else None
     geom = body.add_geom(pos=part.X_PG[:3, 3], quat=quaternion(part.X_PG), rgba=(*color, 1.0))
     match mesh:
         case Box(size):
@@ -182,8 +188,7 @@ def _add_part(
             geom.type, geom.size[:2] = kinds.mjGEOM_CAPSULE, (radius, length / 2)
         case Mesh():
             geom.type, geom.meshname = kinds.mjGEOM_MESH, f"{mesh.path} {mesh.scale} {group}"
-            if spec.mesh(geom.meshname) is None:
-                triangles = read_mesh(mesh.path, mesh.scale)
+            if spec.mesh(geom.meshname) is None and triangles is not None:
                 asset = spec.add_mesh(name=geom.meshname)
                 asset.uservert, asset.userface = triangles.vertices.ravel(), triangles.faces.ravel()
                 # A drawn mesh may be open or flat; one that collides does so as its convex hull.
