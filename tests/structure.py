@@ -26,9 +26,9 @@ LONG = 30
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_332),
     "files": ("files", 2_040),
-    "robot": ("robot", 3_110),
+    "robot": ("robot", 3_067),
     "camera": ("camera", 2_382),
-    "cell": ("cell", 3_334),
+    "cell": ("cell", 3_317),
     "logic": ("logic", 2_330),
     "skill, program, recording": ("skill program recording", 2_576),
     "task": ("task", 961),
@@ -37,13 +37,13 @@ ROOMS = {
     "study": ("study", 4_427),
     "search": ("search", 4_298),
     "checks": ("checks", 1_320),
-    "run": ("run", 7_251),
+    "run": ("run", 7_256),
     "field": ("field ros", 2_927),
     "score": ("score", 2_303),
     "show": ("show", 5_007),
     "ask": ("ask cli __init__ __main__", 5_293),
     "studio": ("studio", 1_760),
-    "starter, platform": ("starter platform", 2_147),
+    "starter, platform": ("starter platform", 2_159),
 }
 """The rooms of the package: what is in each, the longest beginning of a path counts, and how many lines it may have.
 
