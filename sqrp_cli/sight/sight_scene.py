@@ -66,7 +66,6 @@ class SightScene:
         )
         self._lights = np.array([_light_record(light) for light in lights.values()], dtype=kernel.LIGHT)
         self._masks: dict[object, Array] = {}
-        self._cameras: dict[tuple[Projection, ...], kernel.Record] = {}
         self._scenes: dict[tuple[tuple[Projection, ...], tuple[SoughtBox, ...]], kernel.Scene] = {}
 
     def request(self, cameras: Sequence[Projection], boxes: Sequence[SoughtBox], states: SceneStates) -> kernel.Request:
@@ -83,16 +82,12 @@ class SightScene:
             self._scenes[key], states.count, [states.X_WF.get(name, _NOWHERE) for name in self._frames]
         )
 
-    def _scene(self, cameras: tuple[Projection, ...], boxes: Sequence[SoughtBox]) -> kernel.Scene:
-        if cameras not in self._cameras:  # the cell's own ones are asked about again and again
-            for old in list(self._cameras)[: 1 - _KEPT]:
-                del self._cameras[old]
-            self._cameras[cameras] = np.array(list(map(self._camera_record, cameras)), dtype=kernel.CAMERA)
+    def _scene(self, cameras: Sequence[Projection], boxes: Sequence[SoughtBox]) -> kernel.Scene:
         masks = np.array([self._mask(box) for box in boxes], dtype=bool).reshape(len(boxes), 3, len(self._solids))
         return self._with_solids(
             boxes=np.array([self._box_record(box) for box in boxes], dtype=kernel.BOX),
             masks=masks.transpose(1, 2, 0),
-            cameras=self._cameras[cameras],
+            cameras=np.array(list(map(self._camera_record, cameras)), dtype=kernel.CAMERA),
             lights=self._lights,
         )
 
