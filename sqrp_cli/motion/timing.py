@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -214,17 +213,11 @@ def _sampled(limits: Array, counts: Sequence[int]) -> tuple[Array, Array, Array]
             ds + t * (dds + t * (jerk / 2)),
             dds + t * jerk,
         )
-    phase, share = _instants(tuple(counts))
-    t = lasting.T[:, phase] * share
+    phase = np.repeat(np.arange(7), counts)
+    t = lasting.T[:, phase] * np.concatenate([np.linspace(0.0, 1.0, count) for count in counts])
     jerk, (s, ds, dds) = jerks.T[:, phase], starts.swapaxes(1, 2)[:, :, phase]
     law = [s + t * (ds + t * (dds / 2 + t * (jerk / 6))), ds + t * (dds + t * (jerk / 2)), dds + t * jerk, jerk]
     return np.array(law), speed, acceleration
-
-
-@cache
-def _instants(counts: tuple[int, ...]) -> tuple[Indices, Array]:
-    """The phase of each instant, and its place from 0 to 1 in it, with so many in each phase."""
-    return np.repeat(np.arange(7), counts), np.concatenate([np.linspace(0.0, 1.0, count) for count in counts])
 
 
 def _fastest_laws(curves: _Curves, stated: Array, rows: Indices, rounds: int, *, ramps_alone: bool = False) -> Array:

@@ -149,10 +149,10 @@ class JointTree:
     def link_poses(self, positions: Array) -> dict[str, Array]:
         """World pose X_WL of every link, shape (m, 4, 4) each, at positions of all joints, shape (m, N)."""
         parents, turns, terms, rows = self.with_links
-        rest, still = np.zeros((len(positions), len(parents) - len(self.joints))), (len(positions), 4, 4)
+        rest = np.zeros((len(positions), len(parents) - len(self.joints)))
         X_WL = joint_poses(parents, turns, terms, np.concatenate([positions, rest], axis=1))
         return {
-            link: np.broadcast_to(X_JL, still) if joint < 0 else X_WL[rows[link]]
+            link: X_JL[None].repeat(len(positions), axis=0) if joint < 0 else X_WL[rows[link]]
             for link, (joint, X_JL) in self.mounts.items()
         }
 

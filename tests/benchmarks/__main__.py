@@ -28,7 +28,7 @@ def main() -> None:
         "commands": lambda module: module.compare(arguments.against, runs, arguments.command),
         "parts": lambda module: [module.parts(name, runs) for name in ("rank tabletop", "rank tower")],
         "coverage": lambda module: module.compare(runs),
-        "planning": lambda module: module.plan(runs),
+        "planning": lambda module: (module.candidates(runs), module.plan(runs)),
         "paths": lambda module: module.paths(arguments.cells),
     }
     for part in arguments.parts or PARTS:

@@ -286,3 +286,5 @@ def test_the_sequence_is_the_fastest_that_works_with_ties_by_joint_values(seed, 
     best = min(filter(possible, product(*map(range, sizes))), key=order, default=None)
     assert fastest_sequence(starts, durations, moves, works) == best
     assert len(asked) == len(set(asked))
+    least = [duration * rng.choice([0.5, 1.0], len(duration)) for duration in durations]
+    assert fastest_sequence(starts, least, moves, works, takes=lambda i, k: float(durations[i][k])) == best
