@@ -140,6 +140,21 @@ def nearest(name: str, valid: Iterable[str]) -> str | None:
     return matches[0] if matches else None
 
 
+def misspelt(name: str, valid: Iterable[str]) -> str | None:
+    """As `nearest`, of names of robots, packages and files, which are of another one where they have other numbers.
+
+    Words that two names share, such as `description`, do not make them alike.
+    """
+    words, meant = name.split("_"), []
+    for one in valid:
+        others = one.split("_")
+        both = {*words} & {*others} | {"description", "descriptions"}
+        own, other = ("_".join(word for word in each if word not in both) for each in (words, others))
+        if re.findall(r"\d+", one) == re.findall(r"\d+", name) and nearest(own, [other]) is not None:
+            meant.append(one)
+    return nearest(name, meant)
+
+
 def expected_names(name: str, valid: Iterable[str]) -> str:
     """The second half of an "unknown name" message: the nearest valid name; where that is no help the valid names.
 

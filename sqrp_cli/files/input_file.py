@@ -15,7 +15,7 @@ from contextvars import ContextVar
 from io import BufferedReader
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Place, Problem, bad_input, nearest
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, misspelt
 from sqrp_cli.records import dataclass
 
 LARGEST = 200_000_000  # most bytes of any input file, meshes included
@@ -111,7 +111,7 @@ def nearest_entry(path: Path, could_be_meant: Callable[[Path], bool]) -> str | N
         names = {entry.stem: entry.name for entry in sorted(path.parent.iterdir()) if could_be_meant(entry)}
     except OSError:
         return None
-    close = nearest(path.stem, names)
+    close = misspelt(path.stem, names)
     return names[close] if close is not None else None
 
 

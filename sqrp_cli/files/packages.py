@@ -12,7 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from urllib.parse import unquote
 
-from sqrp_cli.errors import InputError, Place, Problem, bad_input, nearest, no_such
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, misspelt, nearest, no_such
 from sqrp_cli.files.input_file import missing_file
 
 _PIP_PACKAGES = {"example-robot-data": "example-robot-data"}
@@ -21,6 +21,7 @@ LONGEST_PATH = 1000  # most characters of a path in a message
 MANIFEST = "package.xml"  # the file that makes a folder a ROS package, and names it
 DEEPEST_PACKAGE = 4  # folders between a root and a package in it, as in `src/universal_robot/ur_description`
 MOST_FOLDERS = 3000  # most folders of a root that are looked into for packages
+_NEEDS = re.compile(r"<(?:exec_|run_|build_)?depend>\s*([^<>\s]+)\s*</|<!--.*?-->", re.DOTALL)
 _NAME = re.compile(r"<name>\s*([^<>\s]+)\s*</name>")
 _NO_PACKAGES = frozenset({"build", "log", "node_modules", "__pycache__", "site-packages", "meshes", "doc", "docs"})
 """Folders that are not looked into."""
@@ -34,6 +35,15 @@ def package_name(folder: Path) -> str | None:
     except OSError:
         return None
     return found[1] if found else None
+
+
+def needed_packages(package: Path, roots: Sequence[Path]) -> list[Path]:
+    """The folders of the packages that one needs, by its `package.xml`; those that `roots` have."""
+    with suppress(OSError):
+        text = (package / MANIFEST).read_text(encoding="utf-8", errors="replace")[:100_000]
+        names = dict.fromkeys(match[1] for match in _NEEDS.finditer(text) if match[1])
+        return [folder for name in names if (folder := next(_folders_called(name, roots), None)) is not None]
+    return []
 
 
 def package_around(path: Path) -> Path | None:
@@ -151,8 +161,8 @@ def resolve_mesh(roots: Sequence[Path], reference: str, urdf: Path) -> Path:
 def _no_package(what: str, name: str, roots: Sequence[Path], place: Place | None) -> Problem:
     tried = ", ".join(str(root) for root in dict.fromkeys(roots)) or "none"
     known = {entry.name: entry for root in roots for entry in root.iterdir() if entry.is_dir()}
-    known |= {found: folder for root in roots for found, folder in _packages_below(root).items()}
-    close = nearest(name, known)
+    known |= {found: folder for root in roots for found, folder in packages_below(root).items()}
+    close = misspelt(name, known)
     if close is not None and known[close].parent.name in ("site-packages", "dist-packages"):  # most have no robots
         found = (path for pattern in ("*.urdf", "*.xacro") for path in known[close].rglob(pattern))
         close = close if next(found, None) else None
@@ -177,17 +187,17 @@ def _folders_called(name: str, roots: Sequence[Path]) -> Iterator[Path]:
                     yield folder
                 else:
                     misnamed.append(folder)
-        found = _packages_below(root).get(name)
+        found = packages_below(root).get(name)
         if found is not None and package_name(found) != name:  # moved since
-            _packages_below.cache_clear()
-            found = _packages_below(root).get(name)
+            packages_below.cache_clear()
+            found = packages_below(root).get(name)
         if found is not None:
             yield found
     yield from misnamed
 
 
 @lru_cache(maxsize=256)
-def _packages_below(root: Path) -> Mapping[str, Path]:
+def packages_below(root: Path) -> Mapping[str, Path]:
     """The packages in a folder by the names in their `package.xml`, the nearest to the root first.
 
     Folders of Python packages and of the system are not looked through.

@@ -63,9 +63,13 @@ def read_yaml(path: Path, tags: frozenset[str] = frozenset(), keys: Collection[s
 
 
 def parse_yaml(
-    path: Path, content: bytes, tags: frozenset[str] = frozenset(), keys: Collection[str] = (), lists: bool = False
-) -> source.SourceDocument:
-    """As `read_yaml`, from content in memory; path: named in problems; lists: whether it may hold a list."""
+    path: Path, content: bytes, tags: frozenset[str] = frozenset(), keys: Collection[str] = (), lists: bool = False,
+    repeats: bool = False,
+) -> source.SourceDocument:  # fmt: skip
+    """As `read_yaml`, from content in memory; path: named in problems; lists: whether it may hold a list.
+
+    repeats: whether keys may be given twice, as some programs write them; the last counts.
+    """
     text = decoded(path, content)
     if text.startswith("%YAML:"):  # OpenCV's header, which is not YAML
         text = "#" + text[1:]
@@ -74,7 +78,7 @@ def parse_yaml(
         root = _compose(path, text)
         if root is None:
             raise bad_input("empty-file", "the file is empty, expected a mapping of keys to values", Place(path))
-        document = _plain(root, path, text, tags)
+        document = _plain(root, path, text, tags, repeats)
         if not isinstance(document.data, (dict, list) if lists else dict):
             found = "text" if isinstance(document.data, str) else source.describe(document.data)
             message = f"found {found}, expected a mapping of keys to values"
@@ -163,7 +167,7 @@ def _quoting(problem: Problem, path: Path, text: str, mark: Any) -> Problem:  # 
     return replace(problem, place=place, excerpt=source.excerpt(line, mark.column + 1))
 
 
-def _plain(root: yaml.Node, path: Path, text: str, tags: frozenset[str]) -> source.SourceDocument:
+def _plain(root: yaml.Node, path: Path, text: str, tags: frozenset[str], repeats: bool) -> source.SourceDocument:
     """YAML nodes as plain values with their places; the data may be anything yet."""
     keys: dict[source.KeyPath, Place] = {}
     values: dict[source.KeyPath, Place] = {}
@@ -209,7 +213,7 @@ def _plain(root: yaml.Node, path: Path, text: str, tags: frozenset[str]) -> sour
             data: source.Data = {}
             for key_node, value_node in pairs(node):
                 key, place = str(key_node.value), place_of(key_node)
-                if key in data:
+                if key in data and not repeats:
                     first = keys[(*at, key)].line
                     message = f"`{source.dotted((*at, key))}` is given twice, first in line {first}"
                     raise bad_input("duplicate-key", message, place)

@@ -6,6 +6,7 @@ Xacro files are expanded by the library `xacro`, in a process of its own with li
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -23,6 +24,7 @@ from sqrp_cli.robot.mjcf import mjcf_as_urdf
 MAX_SECONDS = 20  # most computing time of an expansion [s]
 MAX_MEMORY = 1_500_000_000  # most memory of an expansion [bytes]
 MAX_WAIT = 90.0  # longest wait for an expansion, on however busy a machine [s]
+_ARGUMENT = re.compile(r"\$\(arg\s+(\w+)\s*\)")
 ROOT = "robot"  # the root element of URDF and SRDF
 
 
@@ -50,6 +52,26 @@ class RobotXml:
 
 _OLD_TAGS = frozenset({"include", "macro", "property", "insert_block"})
 """Tags of xacro before 2014, without its prefix; those that are properties of the whole file are read all the same."""
+
+
+def named_robot(path: Path, arguments: Mapping[str, str], hoped: str = "") -> tuple[str, Mapping[str, str]]:
+    """The name of the robot in a URDF or SRDF, which is not expanded for it, and the arguments that give it that name.
+
+    hoped: a name. Where an argument alone is the robot's name, launch files state it: then it gets this one, unless
+    `arguments` has it. Raises InputError as `read_xml`.
+    """
+    root = parse_xml(path, read_input(path, MAX_BYTES), ROOT)
+    stated = [one.attributes for one in root.inside() if one.tag == "xacro:arg" and "default" in one.attributes]
+    defaults = {one.get("name", ""): one["default"] for one in stated}
+    written = name = root.attributes.get("name", "").strip()
+    used = {one: defaults[one] for one in _ARGUMENT.findall(written) if one in defaults and one != "name"}
+    values = {**defaults, **arguments}
+    for _ in range(MAX_DEPTH if "$(" in name else 0):
+        name = _ARGUMENT.sub(lambda match: values.get(match[1], path.name.split(".")[0]), name)
+    alone = _ARGUMENT.fullmatch(written)
+    if alone and hoped not in ("", name) and alone[1] not in arguments:
+        return hoped, {**arguments, alone[1]: hoped}
+    return name, {**used, **arguments}  # xacro itself reads the name before the defaults below it
 
 
 def read_robot_xml(path: Path, source: RobotSource | None = None, *, mjcf: bool = False) -> RobotXml:

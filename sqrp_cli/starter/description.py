@@ -9,30 +9,32 @@ from __future__ import annotations
 import os
 import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import field, replace
 from difflib import SequenceMatcher
+from itertools import product
 from pathlib import Path
-from typing import Any
 
-from sqrp_cli.errors import InputError, Place, Problem, bad_input, nearest
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, first_names, misspelt
 from sqrp_cli.files.input_file import missing_file
 from sqrp_cli.files.packages import (
+    MANIFEST,
+    needed_packages,
     package_and_path,
     package_around,
     package_folder,
     package_name,
     package_roots,
+    packages_below,
     resolve,
 )
-from sqrp_cli.files.source import SourceDocument
-from sqrp_cli.files.xml_file import read_xml
+from sqrp_cli.files.source import SourceDocument, describe
 from sqrp_cli.files.yaml_file import read_yaml
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.moveit import MoveitLimits, SrdfModel, read_moveit_limits, read_srdf, with_position_limits
 from sqrp_cli.robot.read_urdf import read_urdf
-from sqrp_cli.robot.robot_xml import RobotSource
+from sqrp_cli.robot.robot_xml import RobotSource, named_robot
 from sqrp_cli.robot.urdf import UrdfModel
 from sqrp_cli.starter.by_name import is_known
 from sqrp_cli.starter.layout import PREFIX, file_text
@@ -41,6 +43,7 @@ _SRDF_FOLDERS = (".", "srdf", "config", "../srdf", "../config")
 """Where the SRDF of a URDF is looked for, relative to its folder."""
 
 ASSISTANT = ".setup_assistant"  # the file in which MoveIt's setup assistant notes what it made the configuration of
+_ENDS = (".urdf", ".urdf.xacro", ".xacro")  # of URDFs
 _FOLDERS = ("config", "srdf", "config/srdf", ".")  # where the files of a configuration are, in its folder
 
 _WHAT_TO_NAME = "name the package that MoveIt's setup assistant wrote, such as my_arm_moveit_config"
@@ -96,22 +99,15 @@ def describe_robot(robot: OwnRobot, folder: Path) -> Description:
     warnings: list[Problem] = []
     if config is None:
         config = _moveit_beside(urdf, around, warnings)
-    limits_file = None if config is None else config.joint_limits
-    limits = None if limits_file is None else read_moveit_limits(limits_file)
+    files = _srdfs_beside(urdf.path, urdf.name) if config is None or not config.srdfs else config.srdfs
+    found = _srdf_of(urdf, files, source, warnings, beside=config is None or not config.srdfs)
     srdf, srdf_text = None, None
-    if config is not None and config.srdf is not None:
-        file, arguments = config.srdf.resolve(), dict(given)
-        while srdf is None:  # with those of the URDF's arguments that it takes, too
-            try:
-                srdf = read_srdf(file, urdf, replace(source, arguments=arguments))
-            except InputError as error:
-                if error.problems[0].code != "xacro-argument" or not arguments:
-                    raise
-                strange = next((name for name in arguments if f"no argument `{name}`" in str(error)), None)
-                arguments = {} if strange is None else {k: v for k, v in arguments.items() if k != strange}
-        srdf_text = file_text(_named(file, folder), arguments)
-    elif (beside := _srdf_beside(urdf, warnings)) is not None:
-        srdf, srdf_text = beside[1], file_text(_named(beside[0], folder))
+    if found is not None:
+        srdf, srdf_text = found[1], file_text(_named(found[0].resolve(), folder), found[2])
+    # Limits of another robot are not taken either: mostly its joints have the same names.
+    is_own = config is not None and (found is not None or not config.srdfs)
+    limits_file = config.file("joint_limits.yaml", urdf.name, found and found[0]) if config and is_own else None
+    limits = None if limits_file is None else read_moveit_limits(limits_file)
     roots, gripper, gripper_text = _missing_roots(urdf, robot.package_roots, around), None, None
     if robot.gripper is not None:
         file, given = _find(OwnRobot(robot.gripper, package_roots=robot.package_roots), None)
@@ -124,7 +120,7 @@ def describe_robot(robot: OwnRobot, folder: Path) -> Description:
         srdf_text=srdf_text,
         limits=limits,
         limits_file=None if limits_file is None else _named(limits_file, folder),
-        tip=None if config is None or srdf is None else _arm_tip(config, srdf, urdf),
+        tip=_arm_tip(config.file("kinematics.yaml", urdf.name, found[0]), found[1], urdf) if config and found else None,
         package_roots=tuple(os.path.relpath(root, folder.resolve()) for root in roots),
         gripper=gripper,
         gripper_text=gripper_text,
@@ -145,15 +141,27 @@ def _find(robot: OwnRobot, config: MoveitConfig | None) -> tuple[Path, Mapping[s
         path = resolve(robot.urdf, Path.cwd(), roots, None).resolve()
         return path, {**(config.arguments if config is not None and config.names(path) else {}), **robot.arguments}
     assert config is not None  # noqa: S101 - a user names one of the two
-    if config.urdf is None:
-        message = "this configuration does not say which URDF it was made of (`.setup_assistant`)"
-        raise bad_input("missing-key", message, Place(config.folder), mend="name it by `--urdf FILE`")
     roots = (*roots, *_around(config.folder.resolve() / "package.xml"))
+    if config.own:  # as MoveIt 2 does
+        return config.own[0], robot.arguments
     # Packages are configured from a URDF that is not kept: then the xacro beside it is meant.
-    for name in (config.urdf, f"{config.urdf}.xacro", config.urdf.removesuffix(".urdf") + ".xacro"):
+    stated = config.urdf or ""
+    for name in (stated, f"{stated}.xacro", stated.removesuffix(".urdf") + ".xacro") if stated else ():
         with suppress(InputError):
             path = resolve(name, config.folder, roots, Place(config.folder)).resolve()
             return path, {**config.arguments, **robot.arguments}
+    fitting = _descriptions(config, roots, robot.arguments)
+    names = [*dict.fromkeys(name for name, _, _ in fitting)]
+    if len(names) == 1:
+        return fitting[0][1:]
+    if names:
+        message, mend = f"this configuration is of several robots: {first_names(names)}", f"such as {fitting[0][1]}"
+        raise bad_input("missing-key", message, Place(config.folder), mend=f"name the one by `--urdf FILE`, {mend}")
+    if config.urdf is None:
+        message = "this configuration does not say which URDF it was made of (`.setup_assistant`), and there is none of"
+        message += " its robot in its package, those that its package.xml needs, and those beside it"
+        mend = "name it by `--urdf FILE`, or the folder with its package by `--package-root DIR`"
+        raise bad_input("missing-key", message, Place(config.folder), mend=mend)
     try:
         return resolve(config.urdf, config.folder, roots, Place(config.folder)), {}
     except InputError as error:
@@ -167,23 +175,77 @@ def _around(path: Path) -> tuple[Path, ...]:
     return tuple(folder for folder in list(own.resolve().parents)[:2] if folder not in (folder.parent, Path.home()))
 
 
-def _srdf_beside(urdf: UrdfModel, warnings: list[Problem]) -> tuple[Path, SrdfModel] | None:
-    """The SRDF near a URDF with its file name or robot name; warnings: gets why no such file fits.
+def _descriptions(
+    config: MoveitConfig, roots: Sequence[Path], arguments: Mapping[str, str]
+) -> Sequence[tuple[str, Path, Mapping[str, str]]]:
+    """URDFs of the robots that a configuration is of, with their names before and arguments after them; the best named.
 
-    Of several, as of one arm with several grippers, the one named as the URDF or its robot, else most like the URDF.
+    They are looked for in its package and those that it needs, then in those beside it. Named best is as the URDF that
+    the configuration states, then as the SRDF, then as the robot.
     """
-    path, unfit = urdf.path, []
+    package = package_around(config.folder / MANIFEST) or config.folder
+    beside = package.parent if package.parent not in (Path.home(), Path("/")) else package
+    for folders in ((package, *needed_packages(package, roots)), packages_below(beside).values()):
+        found = []
+        for file in (file for folder in folders for file in sorted(folder.rglob("*"))):
+            kind = next((kind for kind, end in enumerate(_ENDS) if file.name.endswith(end)), None)
+            if kind is None or ".srdf" in file.name or file.parent.name == "srdf":
+                continue
+            with suppress(InputError):  # a piece of a description, or a damaged one
+                name, given = named_robot(file, arguments)
+                fits = [one for one in config.srdfs if named_robot(one, arguments, name)[0] == name != ""]
+                stem, stems = file.name.removesuffix(_ENDS[kind]), [one.name.split(".srdf")[0] for one in fits]
+                named = file.name == Path(config.urdf or "").name, stem in stems, stem == name
+                found += [(named, -kind, name, file, given)] if fits else []
+        if found:
+            found.sort(key=lambda one: one[:2], reverse=True)
+            return [best[2:] for best in found if best[0] == found[0][0]]
+    return []
+
+
+def _srdfs_beside(path: Path, robot: str) -> Sequence[Path]:
+    """The SRDFs near a URDF; in each folder those named as the URDF or its robot first, else most like the URDF."""
+    files = []
     for folder in dict.fromkeys((path.parent / name).resolve() for name in _SRDF_FOLDERS):
         alike = {file: SequenceMatcher(None, file.stem, path.stem).ratio() for file in folder.glob("*.srdf")}
-        for file in sorted(alike, key=lambda one: (one.stem != path.stem, one.stem != urdf.name, -alike[one], one)):
-            try:
-                if file.stem == path.stem or read_xml(file, "robot").attributes.get("name") == urdf.name:
-                    return file, read_srdf(file, urdf)
-            except InputError as error:
-                why = error.problems[0]
-                message = f"{why.message}; so this SRDF was left out"
-                unfit.append(Problem(why.code, message, why.place, severity="warning"))
-    warnings += unfit
+        files += sorted(alike, key=lambda one: (one.stem != path.stem, one.stem != robot, -alike[one], one))
+    return files
+
+
+def _srdf_of(
+    urdf: UrdfModel, files: Sequence[Path], source: RobotSource, warnings: list[Problem], *, beside: bool
+) -> tuple[Path, SrdfModel, Mapping[str, str]] | None:
+    """The first SRDF whose robot has the URDF's name, and its arguments: those of the URDF's that it takes, too.
+
+    warnings: gets a sentence where it is none. beside: whether the files are those near the URDF: then others are
+    usual, and what cannot be read is left out. Else that is refused, unless one fits.
+    """
+    others, unfit = dict[str, Path](), list[InputError]()
+    for file in files:
+        try:
+            name, arguments = named_robot(file, source.arguments, urdf.name)
+            while name == urdf.name:
+                try:
+                    return file, read_srdf(file, urdf, replace(source, arguments=arguments)), arguments
+                except InputError as error:
+                    if error.problems[0].code != "xacro-argument" or not arguments:
+                        raise
+                    strange = next((one for one in arguments if f"no argument `{one}`" in str(error)), None)
+                    arguments = {} if strange is None else {k: v for k, v in arguments.items() if k != strange}
+            if name and (not beside or file.stem == urdf.path.stem):
+                others.setdefault(name, file)
+        except InputError as error:
+            unfit.append(error)
+    if unfit and not beside:
+        raise unfit[0]
+    for why in (error.problems[0] for error in unfit):
+        message = f"{why.message}; so this SRDF was left out"
+        warnings.append(Problem(why.code, message, why.place, severity="warning"))
+    if others:
+        message = f"the URDF is of robot `{urdf.name}`, and the SRDF of {first_names([*others])}; so no SRDF is taken"
+        mend = "name the URDF or SRDF of this robot; if it is this one, write the same name in both `<robot name>`"
+        place = Place(next(iter(others.values())))
+        warnings.append(Problem("srdf-of-another-robot", message, place, severity="warning", mend=mend))
     return None
 
 
@@ -236,64 +298,73 @@ class MoveitConfig:
     """The files of a configuration."""
 
     folder: Path
-    srdf: Path | None
-    joint_limits: Path | None
-    kinematics: Path | None
+    srdfs: Sequence[Path]  # the one that it states first
     urdf: str | None
-    """The URDF that it was made of, `package://...`, or the xacro in the configuration; None if it does not say."""
+    """The URDF that it was made of, `package://...`; None if it does not say."""
     arguments: Mapping[str, str]  # of that URDF, if it is a xacro
+    own: Sequence[Path]  # the xacros of URDFs in it, the one named as an SRDF first
 
     def names(self, urdf: Path) -> bool:
         """Whether it was made of a file of this name."""
         return self.urdf is not None and self.urdf.endswith(f"/{urdf.name}")
 
+    def file(self, name: str, robot: str = "", srdf: Path | None = None) -> Path | None:
+        """One of its files: that of a robot, beside its SRDF or in `config/ROBOT`, else where it usually is."""
+        folders = [self.folder / place for place in (f"config/{robot}", *_FOLDERS)]
+        return next((one / name for one in ([srdf.parent] if srdf else []) + folders if (one / name).is_file()), None)
 
-def _read_hint(path: Path) -> SourceDocument | None:
-    """A file that is only a hint: None if it is damaged. Raises InputError for one that says something else."""
+
+def _read_hint(path: Path | None) -> SourceDocument | None:
+    """A YAML file of a configuration; None if it is not there or empty. Raises InputError for a damaged one."""
     try:
-        return read_yaml(path)
+        return read_yaml(path, repeats=True) if path and path.is_file() else None  # keys as the setup assistant writes
     except InputError as error:
-        if error.problems[0].code == "not-a-mapping":
+        if error.problems[0].code != "empty-file":
             raise
         return None
+
+
+def _noted(document: SourceDocument | None, *keys: str) -> str:
+    """A text in a file, under keys that may have capitals; "" if it has none. Raises InputError for other values."""
+    at, value = tuple[str, ...](), None if document is None else document.data
+    for key in keys:
+        if document is not None and not isinstance(value, dict | None):
+            raise document.error("not-a-mapping", at, f"found {describe(value)}, expected a mapping")
+        at = (*at, next((one for one in value or () if one.lower() == key), key))
+        value = (value or {}).get(at[-1])
+    if document is not None and not isinstance(value, str | None):
+        raise document.error("wrong-type", at, f"found {describe(value)}, expected text")
+    return str(value or "")
 
 
 def find_moveit(folder: Path) -> MoveitConfig:
     """The configuration in a folder, or in the one above its `config`. Raises InputError if it is none."""
     if not folder.is_dir():
         others = [entry.name for entry in folder.parent.glob("*/")] if folder.parent.is_dir() else []
-        close = nearest(folder.name, others)
+        close = misspelt(folder.name, others)
         message = "no such folder" + (f"; did you mean `{close}`?" if close else "")
         raise bad_input("missing-folder", message, Place(folder), mend=_WHAT_TO_NAME)
     if folder.name in _FOLDERS and not (folder / ASSISTANT).is_file():
         folder = folder.parent
     # What `.setup_assistant` says: SRDF, URDF and its arguments, such as `--inorder robot_type:=xarm dof:=6`.
-    document, key = _read_hint(folder / ASSISTANT), "moveit_setup_assistant_config"
-    data: Any = (document.data.get(key) if document is not None else None) or {}
-    if document is not None and not isinstance(data, dict):
-        raise document.error("not-a-mapping", (key,), f"found `{str(data)[:60]}`, expected URDF, SRDF and CONFIG")
-    noted = {key.lower(): value for key, value in data.items() if isinstance(value, dict)}
-    described, stated = noted.get("urdf", {}), folder / str(noted.get("srdf", {}).get("relative_path") or "")
-    package, path = described.get("package"), str(described.get("relative_path") or "").lstrip("/")
-    text = str(described.get("xacro_args") or "")
-    words = text.split()
+    document, top = _read_hint(folder / ASSISTANT), "moveit_setup_assistant_config"
+    package, path, text = (_noted(document, top, "urdf", key) for key in ("package", "relative_path", "xacro_args"))
+    words, path = text.split(), path.lstrip("/")
     with suppress(ValueError):
         words = shlex.split(text)
     arguments = {pair[1]: pair[2] for word in words if (pair := re.fullmatch(r"(\w+):=(.*)", word))}
-    files = [sorted((folder / place).glob(end)) for end in ("*.srdf", "*.srdf.xacro") for place in _FOLDERS]
-    first = next(filter(None, files), [None])
-    srdf = stated if stated.is_file() else next((file for file in first if file and "macro" not in file.name), first[0])
-    own = [file for pattern in ("*.urdf", "*.urdf.xacro") for file in sorted((folder / "config").glob(pattern))]
-    urdf = f"package://{package}/{path}" if package and path else str(own[0]) if own else None
-    limits, kinematics = (
-        next((folder / place / name for place in _FOLDERS if (folder / place / name).is_file()), None)
-        for name in ("joint_limits.yaml", "kinematics.yaml")
-    )
-    if srdf is None and limits is None:
+    stated = folder / _noted(document, top, "srdf", "relative_path")
+    found = {stated: None} if stated.is_file() else {}
+    for end, place in product(("*.srdf", "*.srdf.xacro"), (*_FOLDERS, "config/*", "srdf/*")):
+        found |= dict.fromkeys(sorted(folder.glob(f"{place}/{end}")))
+    stems = [file.name.split(".srdf")[0] for file in found]
+    own = sorted((folder / "config").glob("*.urdf.xacro"), key=lambda one: one.name.split(".urdf")[0] not in stems)
+    config = MoveitConfig(folder, [*found], f"package://{package}/{path}" if package and path else None, arguments, own)
+    if not found and config.file("joint_limits.yaml") is None:
         inside = ", ".join(sorted(entry.name for entry in folder.iterdir())[:8])
         message = "this is no configuration of MoveIt: it has neither an SRDF nor joint_limits.yaml"
         raise bad_input("missing-file", f"{message}; it has {inside or 'nothing'}", Place(folder), mend=_WHAT_TO_NAME)
-    return MoveitConfig(folder, srdf, limits, kinematics, urdf, arguments)
+    return config
 
 
 def _moveit_beside(urdf: UrdfModel, around: tuple[Path, ...], warnings: list[Problem]) -> MoveitConfig | None:
@@ -306,8 +377,7 @@ def _moveit_beside(urdf: UrdfModel, around: tuple[Path, ...], warnings: list[Pro
         if entry.is_dir() and ("moveit" in entry.name or (entry / ASSISTANT).is_file()):
             with suppress(InputError):
                 config = find_moveit(entry)
-                srdf = config.srdf
-                if config.names(urdf.path) or (srdf and read_xml(srdf, "robot").attributes.get("name") == urdf.name):
+                if config.names(urdf.path) or urdf.name in (named_robot(one, {})[0] for one in config.srdfs):
                     fitting.append(config)
     best = [config for config in fitting if config.names(urdf.path)] or fitting
     if len({config.folder for config in best}) < 2:
@@ -318,16 +388,16 @@ def _moveit_beside(urdf: UrdfModel, around: tuple[Path, ...], warnings: list[Pro
     return None
 
 
-def _arm_tip(config: MoveitConfig, srdf: SrdfModel, urdf: UrdfModel) -> str | None:
+def _arm_tip(kinematics: Path | None, srdf: SrdfModel, urdf: UrdfModel) -> str | None:
     """The link to which a tool is fixed: as solver, end effector or chain of the longest arm say.
 
     Arms are groups of one chain, those with a solver first, then by number of joints; no grippers and pairs of arms.
     """
-    document = None if config.kinematics is None else _read_hint(config.kinematics)
-    solvers: Any = {} if document is None else document.data
-    for key in ("/**", "ros__parameters", "robot_description_kinematics"):
-        solvers = solvers[key] if isinstance(solvers.get(key), dict) else solvers
-    solvers = {group: entry for group, entry in solvers.items() if isinstance(entry, dict)}
+    document, at, tips = _read_hint(kinematics), tuple[str, ...](), dict[str, list[str]]()
+    if document is not None:
+        for key in ("/**", "ros__parameters", "robot_description_kinematics"):
+            at = (*at, key) if isinstance(document.at((*at, key)), dict) else at
+        tips = {group: [_noted(document, *at, group, key) for key in _TIP_KEYS] for group in document.at(at)}
     arms = [
         group
         for group, joints in srdf.groups.items()
@@ -335,9 +405,8 @@ def _arm_tip(config: MoveitConfig, srdf: SrdfModel, urdf: UrdfModel) -> str | No
         and group not in srdf.grippers
         and {*joints} <= {joint.name for joint in urdf.chain(urdf.joints[joints[-1]].child)}
     ]
-    for group in sorted(arms, key=lambda group: (group not in solvers, -len(srdf.groups[group]))):
-        tips = [str(solvers[group][key]) for key in _TIP_KEYS if group in solvers and solvers[group].get(key)]
-        named = (*tips[-1:], srdf.tool_links.get(group), srdf.tips.get(group))
+    for group in sorted(arms, key=lambda group: (group not in tips, -len(srdf.groups[group]))):
+        named = (*reversed(tips.get(group, [])), srdf.tool_links.get(group), srdf.tips.get(group))
         link = next((name for name in named if name in urdf.links), None)
         if link is not None:
             return link

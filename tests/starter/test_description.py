@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -18,7 +19,7 @@ from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.starter.description import OwnRobot, describe_robot, find_moveit
 from sqrp_cli.starter.layout import Layout
 from sqrp_cli.starter.make import OWN_ARM, SHIPPED, make_starter
-from tests.cells import FILES, refused
+from tests.cells import FILES, read_cases, refused
 
 XMLNS = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 
@@ -204,7 +205,7 @@ def test_the_solver_may_name_the_tip(own: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("named", [CONFIG, f"{CONFIG}/config"])
 def test_the_package_and_its_folder_of_files_mean_the_same(src: Path, named: str) -> None:
-    assert find_moveit(src / named).srdf == src / CONFIG / "config" / "my_arm.srdf.xacro"
+    assert find_moveit(src / named).srdfs[0] == src / CONFIG / "config" / "my_arm.srdf.xacro"
 
 
 @pytest.mark.parametrize(("named", "says", "mend"), [
@@ -228,10 +229,30 @@ def test_a_urdf_that_is_not_there_is_asked_for(src: Path, tmp_path: Path) -> Non
     assert describe_robot(robot, tmp_path).urdf.name == ARM.name
 
 
-@pytest.mark.parametrize(
-    ("file", "text"), [(".setup_assistant", "moveit_setup_assistant_config: 5\n"), ("config/kinematics.yaml", "5\n")]
-)
-def test_a_configuration_that_says_something_else_is_refused_with_its_file(own, tmp_path, file, text):
-    (own / CONFIG / file).write_text(text)
-    place = refused(describe_robot, OwnRobot(moveit=own / CONFIG), tmp_path).place
-    assert (place.file, place.line) == (own / CONFIG / file, 1)
+@pytest.mark.parametrize("case", read_cases("moveit.yaml"), ids=lambda case: case["case"])
+def test_what_is_taken_from_a_configuration_and_what_is_refused(
+    case: dict[str, Any], own: Path, tmp_path: Path
+) -> None:
+    for name, text in case.get("write", {}).items():
+        file = own / name.replace("CONFIG", CONFIG)
+        if text is None:
+            file.unlink()
+            continue
+        for old, new in text.items() if isinstance(text, dict) else ():
+            assert old in file.read_text()
+            file.write_text(file.read_text().replace(old, new))
+        if isinstance(text, str):
+            write(own, {str(file): text.replace("CONFIG", CONFIG)})
+    robot = OwnRobot(moveit=own / case.get("named", CONFIG))
+    if "takes" not in case:
+        problem = refused(describe_robot, robot, tmp_path)
+        place = problem.place and [problem.place.file.name, problem.place.line]
+        assert (problem.code, place) == (case["refused"], case.get("at", place))
+        assert case.get("says", "") in problem.message
+        assert case.get("not", "?") not in problem.message
+        return
+    found = describe_robot(robot, tmp_path)
+    for text, wanted in zip((found.urdf_text, found.srdf_text, found.limits_file), case["takes"], strict=True):
+        assert (text is None) == (wanted is None)
+        assert wanted is None or wanted in str(text)
+    assert [one.message for one in found.warnings] == [case[key] for key in ("says",) if key in case]
