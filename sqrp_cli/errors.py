@@ -141,18 +141,13 @@ def nearest(name: str, valid: Iterable[str]) -> str | None:
 
 
 def misspelt(name: str, valid: Iterable[str]) -> str | None:
-    """As `nearest`, of names of robots, packages and files, which are of another one where they have other numbers.
+    """As `nearest`, of names of robots, packages and files: none with other numbers, or alike only by shared words."""
 
-    Words that two names share, such as `description`, do not make them alike.
-    """
-    words, meant = name.split("_"), []
-    for one in valid:
-        others = one.split("_")
-        both = {*words} & {*others} | {"description", "descriptions"}
-        own, other = ("_".join(word for word in each if word not in both) for each in (words, others))
-        if re.findall(r"\d+", one) == re.findall(r"\d+", name) and nearest(own, [other]) is not None:
-            meant.append(one)
-    return nearest(name, meant)
+    def apart(one: str, other: str) -> str:
+        return "_".join(w for w in one.split("_") if w.rstrip("s") not in [v.rstrip("s") for v in other.split("_")])
+
+    alike = [one for one in valid if re.findall(r"\d+", one) == re.findall(r"\d+", name)]
+    return nearest(name, [one for one in alike if nearest(apart(name, one), [apart(one, name)]) is not None])
 
 
 def expected_names(name: str, valid: Iterable[str]) -> str:

@@ -23,7 +23,7 @@ from pydantic_core import PydanticCustomError
 from sqrp_cli.camera.camera import Intrinsics
 from sqrp_cli.camera.markers import DICTIONARIES, Marker
 from sqrp_cli.errors import expected_names
-from sqrp_cli.files.entries import FileRecord, In, Number, Pixels, Range, from_fields, refused
+from sqrp_cli.files.entries import FileRecord, In, Number, Pixels, Range, Rates, from_fields, refused
 from sqrp_cli.files.source import describe
 from sqrp_cli.files.units import ANGLE, LARGEST_LENGTH, SHARE
 from sqrp_cli.geometry import Array
@@ -93,24 +93,33 @@ by n bits along a side, of which b in all may be wrong, 1.59 (n / (1 + b))^0.19:
 LEAST_SIDE = 0.011
 """Least side of a marker in the image that is looked at, as a share of the longer side of the image. OpenCV passes over
 outlines whose perimeter is less than 0.03 of that: sides of 0.0075 and, as outlines are rough, some 0.011."""
+PERIMETER_RATE = (0.03, 4.0)  # of outlines that OpenCV looks at, unless a detector states others
 STEEPEST = radians(80.0)  # the largest angle at which markers are read [rad]
 
 
-def marker_range(camera: Intrinsics, marker: Marker, incidence: float = 0.0) -> tuple[float, float]:
+def marker_range(
+    camera: Intrinsics, marker: Marker, incidence: float = 0.0, rates: tuple[float, float] = PERIMETER_RATE
+) -> tuple[float, float]:
     """Between which distances a camera reads a marker in the middle of the image, turned by an angle [rad]: [m].
 
-    From where its black square, unturned, fills the image in one direction to where nine of ten images show it.
+    From where its black square, unturned, fills the image in one direction, or has the longest outline of `rates`, to
+    where nine of ten images show it. rates: as `perimeter_rate` of a detector.
     """
     fx, fy = float(camera.matrix[0, 0]), float(camera.matrix[1, 1])
-    near = marker.side * max(fx / camera.width, fy / camera.height)
+    longest = rates[1] * max(camera.width, camera.height)
+    near = marker.side * max(fx / camera.width, fy / camera.height, 2.0 * (fx + fy) / longest)
     turned = sqrt(max(cos(incidence), cos(STEEPEST)))  # of the area, to that of its longer side
-    return near, marker.side * sqrt(fx * fy) * turned / float(least_pixels(camera, marker.dictionary, incidence))
+    least = float(least_pixels(camera, marker.dictionary, incidence, rates[0]))
+    return near, marker.side * sqrt(fx * fy) * turned / least
 
 
-def least_pixels(camera: Intrinsics, dictionary: str, incidence: ArrayLike = 0.0) -> Array:
+def least_pixels(
+    camera: Intrinsics, dictionary: str, incidence: ArrayLike = 0.0, rate: float = PERIMETER_RATE[0]
+) -> Array:
     """Square root of the area in the image of the smallest marker that is read in nine of ten images [pixels].
 
-    incidence: angles between its normal and the direction to the camera [rad]; the result has their shape.
+    incidence: angles between its normal and the direction to the camera [rad]; the result has their shape. rate: of the
+    shortest outline that is looked at.
 
     A bit is read by the distance h of its module's edges in the image. Of a marker turned by an angle of cosine k about
     an axis at phi to them, h^2 is in proportion to k^2 / (cos(phi)^2 + k^2 sin(phi)^2); over all axes, the mean of h^-2
@@ -120,7 +129,8 @@ def least_pixels(camera: Intrinsics, dictionary: str, incidence: ArrayLike = 0.0
     shorter = np.maximum(np.cos(incidence), cos(STEEPEST))  # the shorter side of a turned marker, to the longer one
     module = MODULE_PIXELS * ((code.modules - 2) / (1 + code.corrected)) ** PER_BIT
     read = code.modules * module * np.sqrt(0.5 * (1.0 + shorter**2)) / shorter
-    longer: Array = np.maximum(read, LEAST_SIDE * max(camera.width, camera.height) * 2.0 / (1.0 + shorter))
+    side = LEAST_SIDE * rate / PERIMETER_RATE[0] * max(camera.width, camera.height)
+    longer: Array = np.maximum(read, side * 2.0 / (1.0 + shorter))
     return longer * np.sqrt(shorter)
 
 
@@ -175,11 +185,17 @@ class DetectorEntry(FileRecord):
     """Nearest and farthest distance from the camera. Of `aruco` by default from the markers and lenses of the cell."""
     min_pixels: Pixels | None = None
     """Least size in the image: square root of the area in pixels. Of `aruco` by default from the dictionaries."""
+    perimeter_rate: Rates | None = None
+    """Of `aruco`: least and greatest length of a marker's outline in the image, as shares of the image's longer side;
+    OpenCV's `minMarkerPerimeterRate` and `maxMarkerPerimeterRate`. It narrows `distance` and `min_pixels`."""
 
     def __post_init__(self) -> None:
         """Raises PydanticCustomError, a ValueError, for an empty range, and for limits that only markers give."""
-        if self.distance is not None and self.distance[0] >= self.distance[1]:
-            raise PydanticCustomError("empty-range", "`distance` must go from a nearer to a farther distance")
+        for name in ("distance", "perimeter_rate"):
+            if (ends := getattr(self, name)) is not None and ends[0] >= ends[1]:
+                raise PydanticCustomError("empty-range", f"`{name}` must go from a lesser to a greater value")
+        if self.perimeter_rate is not None and self.kind != "aruco":
+            raise refused("conflicting-keys", "`perimeter_rate` is of markers: it goes with `kind: aruco`")
         missing = [name for name in ("distance", "min_pixels") if getattr(self, name) is None]
         if missing and self.kind != "aruco":
             names = " and ".join(f"`{name}`" for name in missing)
@@ -207,17 +223,25 @@ class Detector(DetectorEntry):
         """A detector as a file states it, in a cell with cameras and markers by name.
 
         Where the file leaves it to them: the distances at which any camera reads any of the markers, and the size at
-        which every camera reads each of them, also at the largest angle. Raises ValueError where there are none.
+        which every camera reads each of them, also at the largest angle. Where it states a `perimeter_rate`, the
+        nearest distance and that size are such that every camera keeps to it with each of them. Raises ValueError where
+        there are none.
         """
-        distance, least = entry.distance, entry.min_pixels
+        distance, least, rates = entry.distance, entry.min_pixels, entry.perimeter_rate
         dictionaries = tuple(dict.fromkeys(one.dictionary for one in markers.values() if entry.kind == "aruco"))
-        if distance is None or least is None:
-            reads = [marker_range(camera, marker) for camera in cameras.values() for marker in markers.values()]
+        if distance is None or least is None or rates is not None:
+            used, looks = rates or PERIMETER_RATE, product(cameras.values(), markers.values())
+            reads = [marker_range(*look, 0.0, used) for look in looks]
             if not reads:
                 raise ValueError("there is no marker, or no camera, that gives the detector its limits")
-            looks = product(cameras.values(), dictionaries)
-            smallest = max(float(least_pixels(*look, entry.max_incidence)) for look in looks)
+            codes = product(cameras.values(), dictionaries)
+            smallest = max(float(least_pixels(*code, entry.max_incidence, used[0])) for code in codes)
             distance = distance or (min(near for near, _ in reads), max(far for _, far in reads))
+            if rates is not None:
+                distance, least = (
+                    (max(distance[0], *(near for near, _ in reads)), distance[1]),
+                    max(least or 0.0, smallest),
+                )
             least = smallest if least is None else least
         return from_fields(cls, entry, distance=distance, min_pixels=least, dictionaries=dictionaries)
 
@@ -226,9 +250,9 @@ class Detector(DetectorEntry):
         """With the limits within which it usually sees: markers as images show them, see `smallest` and `BESIDE`.
 
         One of colours judges what the image's edge leaves of a part as it does what others leave. Of other detectors,
-        and of those with a curve, no more is known than what is stated.
+        and of those with a curve or limits of outlines, no more is known than what is stated.
         """
-        if self.curve is not None:
+        if self.curve is not None or self.perimeter_rate is not None:
             return self
         if self.kind == "color":
             return replace(self, min_visible=self.judging.min_visible, is_usual=True)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import compress, product
+from math import floor
+from operator import itemgetter
 from typing import TypeAlias
 
 import numpy as np
@@ -14,19 +16,22 @@ from sqrp_cli.cell.read_cell import X_BODY_OPTICAL
 from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.checks.cameras import points_of, sees_any, shown_objects
 from sqrp_cli.checks.placement import MIN_OVERLAP, doubted_objects, warning
-from sqrp_cli.errors import Infeasible, Place, Problem
+from sqrp_cli.errors import Infeasible, Place, Problem, first_names
 from sqrp_cli.files.frames import WORLD, frame_poses
 from sqrp_cli.files.units import shown_length
 from sqrp_cli.geometry import Array, axis_rotation, box_corners, inverse, pose, side_pose, transform
+from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.robot.inverse_kinematics import known_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.reach import Unreachable
 from sqrp_cli.search.aiming import CAMERA_RADIUS, touched
 from sqrp_cli.shapes import LEAST_SIZE, Box, Mesh, half_extents, shrunk
+from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import Observer
+from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import OBJECT_FACTOR, Solid, distance, load_solid, scale_doubt
-from sqrp_cli.sight.targets import Target
+from sqrp_cli.sight.targets import SoughtBox, Target
 from sqrp_cli.skill.settings import Reference
 from sqrp_cli.skill.skill import ToolMove
 from sqrp_cli.study.analysis import planned_motion
@@ -45,7 +50,7 @@ LONGEST_BRACKET = 0.6
 """How far from a link that moves a camera may be that is fixed to it [m]."""
 
 MOST_LOOKED_AT = 50
-"""Most candidates of which every motion is looked at."""
+"""Most steps of candidates of which the whole motion is looked at."""
 
 FINEST = 1e-4
 """Step to which the suggested size is rounded up [m]."""
@@ -199,70 +204,122 @@ def blind_cameras_on_links(cell: Cell) -> Iterator[Problem]:
         yield Problem("camera-sees-nothing", message, place, severity="warning", mend=mend)
 
 
-def swept_cameras(cell: Cell, world: World, steps: Iterable[Candidate]) -> Iterator[Problem]:
-    """Cameras that robot, tool or part would run into; steps: done one after the other from `world`, each in its way.
+_Scene: TypeAlias = tuple[Candidate, Sequence[Target], SceneStates]
+"""A step of a candidate with its targets, and where all frames are in samples of its motion."""
+
+
+def scenes_of(cell: Cell, world: World, candidates: Iterable[Sequence[Candidate]]) -> list[_Scene]:
+    """The scenes of candidates, the steps of each one after the other from `world`, until one is infeasible.
+
+    They end with the candidate after which there are `MOST_LOOKED_AT`.
+    """
+    scenes = list[_Scene]()
+    for steps in candidates:
+        before = world
+        for step in steps if len(scenes) < MOST_LOOKED_AT else ():
+            motion = feasible_motion(cell, step, before)
+            if isinstance(motion, Infeasible):
+                break
+            scene = planned_motion(cell, step, before, motion)
+            sampled = first_samples(Adaptive(), scene.stage, Observer((), cell.observer.solids), scene.targets)
+            scenes.append((step, scene.targets, scene.stage.states(sampled)))
+            before = world_after(step, motion, before)
+    return scenes
+
+
+def swept_cameras(cell: Cell, scenes: Sequence[_Scene]) -> Iterator[Problem]:
+    """Cameras that robot, tool or part would run into, and in which steps.
 
     A camera counts as a ball of 6 cm around its lens. What never moves against the camera is left out, such as a
     housing, or the link that carries it.
     """
-    left = {camera.name: camera for camera in cell.observer.cameras}
-    for step, _, X_WF in _scenes(cell, world, steps):
-        for frame, solid in product({camera.frame: None for camera in left.values()}, cell.observer.solids):
-            X_FP = inverse(X_WF[frame]) @ X_WF[solid.part.parent]
-            if float(np.ptp(X_FP, axis=0).max()) <= 1e-9:
-                continue
-            there = [camera for camera in left.values() if camera.frame == frame]
-            eyes = np.array([camera.X_FC[:3, 3] for camera in there]).reshape(-1, 3)
+    hits: dict[str, dict[str, str]] = {}  # by camera, the part that meets it in each task
+    frames = dict.fromkeys(camera.frame for camera in cell.observer.cameras)
+    for (step, _, states), frame, solid in product(scenes, frames, cell.observer.solids):
+        X_FP = inverse(states.X_WF[frame]) @ states.X_WF[solid.part.parent]
+        if float(np.ptp(X_FP, axis=0).max()) > 1e-9:
+            there = [camera for camera in cell.observer.cameras if camera.frame == frame]
+            eyes = np.array([camera.X_FC[:3, 3] for camera in there])
             for camera in compress(there, touched(solid, X_FP, eyes, CAMERA_RADIUS).tolist()):
-                del left[camera.name]
-                message = f"camera `{camera.name}` stands where `{solid.name}` passes in `{step.task}`"
-                mend = "move it, or state its housing as a fixed object, which the robot then goes around"
-                yield warning("camera-in-the-way", message, cell.workspace, f"cameras.{camera.name}", mend)
+                hits.setdefault(camera.name, {}).setdefault(step.task, solid.name)
+    for name, parts in hits.items():
+        first, *others = parts
+        message = f"camera `{name}` stands where `{parts[first]}` passes in `{first}`"
+        message += f", and others in {first_names(others)}" if others else ""
+        mend = "move it, or state its housing as a fixed object, which the robot then goes around"
+        yield warning("camera-in-the-way", message, cell.workspace, f"cameras.{name}", mend)
 
 
-def _scenes(
-    cell: Cell, world: World, steps: Iterable[Candidate]
-) -> Iterator[tuple[Candidate, Sequence[Target], Mapping[str, Array]]]:
-    """Each step with its targets, and where all frames are in samples of its motion, (m or 1, 4, 4).
+def idle_cameras(cell: Cell, task: str, scenes: Sequence[_Scene], told: Iterable[Problem]) -> Iterator[Problem]:
+    """Cameras that have no target of a task in their image, in any of the scenes.
 
-    It ends before a step that is infeasible.
-    """
-    for step in steps:
-        motion = feasible_motion(cell, step, world)
-        if isinstance(motion, Infeasible):
-            return
-        scene = planned_motion(cell, step, world, motion)
-        sampled = first_samples(Adaptive(), scene.stage, Observer((), cell.observer.solids), scene.targets)
-        yield step, scene.targets, scene.stage.states(sampled).X_WF
-        world = world_after(step, motion, world)
-
-
-def idle_cameras(
-    cell: Cell, world: World, task: str, candidates: Sequence[Sequence[Candidate]], told: Iterable[Problem]
-) -> Iterator[Problem]:
-    """Cameras that have no target of a task in their image, in any of its candidates that can be done.
-
-    candidates: the steps of each; of more than `MOST_LOOKED_AT` nothing is said. told: other findings; one of a camera
-    that sees nothing is enough.
+    Where there may be more scenes, nothing is said. told: other findings; one of a camera that sees nothing is enough.
     """
     blind = {one.place for one in told if one.code.startswith("camera-")}
     places = {one.name: cell.workspace.places.get(f"cameras.{one.name}") for one in cell.observer.cameras}
     left = [camera for camera in cell.observer.cameras if places[camera.name] not in blind]
-    sought = False
-    for steps in candidates if len(candidates) <= MOST_LOOKED_AT else ():
-        for _, targets, X_WF in _scenes(cell, world, steps):
-            for box in (box for target in targets for box in target.boxes):
-                sought, points = True, transform(X_WF[box.frame] @ box.X_FB, box_corners(box.size))
-                views = [(one, transform(inverse(X_WF[one.frame] @ one.X_FC), points)) for one in left]
-                left = [one for one, points_C in views if not sees_any(one, np.eye(4), points_C.reshape(-1, 3))]
-        if not left:
-            return
-    if sought:
+    boxes = [(box, states) for _, targets, states in scenes for target in targets for box in target.boxes]
+    for box, states in boxes:
+        points = transform(states.box_poses(box), box_corners(box.size))
+        views = [(one, transform(inverse(states.camera_poses(one)), points)) for one in left]
+        left = [one for one, points_C in views if not sees_any(one, np.eye(4), points_C.reshape(-1, 3))]
+    if left and boxes and len(scenes) < MOST_LOOKED_AT:
         several = len(left) > 1
         names = ", ".join(f"`{one.name}`" for one in left)
         message = f"camera{'s' * several} {names} never show{'s' * (not several)} what has to be seen in `{task}`"
         mend = f"if {'they are' if several else 'it is'} meant for this task, aim {'them' if several else 'it'} there"
         yield Problem("idle-camera", message, places[left[0].name], severity="warning", mend=mend)
+
+
+def outside_detectors(cell: Cell, scenes: Sequence[_Scene]) -> Iterator[Problem]:
+    """What cameras have in their images, but always too small, too near or too far for its detector.
+
+    Of each object the box that is farthest from what its detector needs, by its best view.
+    """
+    best: dict[str, tuple[float, Problem, tuple[str, ...]]] = {}  # of each box of a target
+    for _, targets, states in scenes if cell.observer.cameras else ():
+        verdicts = cell.observer.verdicts(targets, states, shares=False, culprits=False)
+        for target, of_boxes in zip(targets, verdicts, strict=True):
+            for box, found in zip(target.boxes, of_boxes, strict=True):
+                view = (*_best_view(cell, box, found, states), box.encloses or (box.frame,))
+                key = f"{target.atom} {box.name}"
+                best[key] = max(best.get(key, view), view, key=itemgetter(0))
+    told = set[tuple[str, ...]]()
+    for share, problem, objects in sorted(best.values(), key=itemgetter(0)):
+        if 0 < share < 1 and objects not in told:
+            told.add(objects)
+            yield problem
+
+
+def _best_view(cell: Cell, box: SoughtBox, found: BoxVerdicts, states: SceneStates) -> tuple[float, Problem]:
+    """How much of what its detector needs a box has in the best view, and what is to be said if that is less than 1.
+
+    It is 1 where a view is enough, or only too flat, and 0 where no camera has the box in its image.
+    """
+    (near, far), least, cameras = box.limits.distance, box.limits.min_pixels, cell.observer.cameras
+    X_WB = states.box_poses(box)
+    away = np.stack([np.linalg.norm((X_WB - states.camera_poses(one))[:, :3, 3], axis=1) for one in cameras], axis=1)
+    away, size = np.broadcast_to(away, found.cause.shape), least - found.figure  # that of what is too small [pixels]
+    parts = {Cause.DETECTOR_NEAR: away / max(near, 1e-9), Cause.DETECTOR_FAR: far / away, Cause.TOO_SMALL: size / least}
+    enough = (found.cause == Cause.NONE) | (found.cause >= Cause.OBLIQUE)
+    share = np.select([found.cause == cause for cause in parts] + [enough], [*parts.values(), np.ones_like(away)], 0.0)
+    row, column = divmod(int(share.argmax()), len(cameras))
+    part, at, camera = float(share[row, column]), float(away[row, column]), cameras[column]
+    what, detector = ", ".join(f"`{name}`" for name in box.encloses or (box.frame,)), f"detector `{box.detector}`"
+    match found.cause[row, column]:
+        case Cause.TOO_SMALL:
+            message = f"{what} measures at most {part * least:.1f} pixels, {at:.2f} m from camera `{camera.name}`, and"
+            message += f" {detector} needs {least:.3g}"
+            mend = f"look at it from {floor(100 * part * at) / 100:.2f} m or nearer, or through a lens {1 / part:.3g}"
+            mend += " times as long; or take a larger part or marker"
+        case Cause.DETECTOR_NEAR:
+            message = f"{what} is {at:.2f} m or less from camera `{camera.name}`, and {detector} sees from {near:.2f} m"
+            mend = f"move the camera {near - at:.2f} m back, or take a smaller marker"
+        case _:
+            message = f"{what} is {at:.2f} m or more from camera `{camera.name}`, and {detector} sees to {far:.2f} m"
+            mend = f"move the camera {at - far:.2f} m nearer"
+    message += "; no other camera comes nearer to that" * (len(cameras) > 1)
+    return part, warning("outside-detector-limits", message, cell.workspace, f"cameras.{camera.name}", mend)
 
 
 def lamps_inside(workspace: Workspace, solids: Sequence[Solid]) -> Iterator[Problem]:

@@ -285,6 +285,8 @@ Direction = Annotated[tuple[Number, Number, Number], _THREE, AfterValidator(_wit
 Rotation = Annotated[tuple[Angle, Angle, Angle], _THREE]
 Quaternion = Annotated[tuple[Number, Number, Number, Number], _FOUR]
 Range = Annotated[tuple[Distance, Distance], _TWO]
+_Rate = Annotated[float, In(None, 1e-3, 100.0)]
+Rates = Annotated[tuple[_Rate, _Rate], _TWO]
 Scale = Annotated[
     tuple[Number, Number, Number],
     _THREE,

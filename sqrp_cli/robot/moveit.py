@@ -165,21 +165,20 @@ _LIMITS: dict[str, dict[str, str]] = {
 """The keys of each kind of limit, with what they state."""
 
 _KEYS = [key for kind, keys in _LIMITS.items() for key in (*keys, f"has_{kind}_limits")]
-_IGNORED = (
+_KEYS += [
     "max_effort",
     "has_effort_limits",
     "max_deceleration",
     "has_deceleration_limits",
     "has_soft_limits",
     "has_jerk",
-)
-"""Keys that other programs read in such a file; KUKA's have the last one."""
+]
+"""And what other programs read there, KUKA's the last."""
 
 _TOPS = (TOP, "robot_description_planning", "/**", *(f"default_{kind}_scaling_factor" for kind in SCALED))
 """With one of these keys a file is one of MoveIt."""
 
 _DEGREES = re.compile(rb"!(degrees|radians)\s+([-+.\deE]+)")
-_PREFIX = re.compile(rb"\$\(var \w+\)")  # of joints, as launch files replace it; mostly with nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +201,7 @@ def read_moveit_limits(path: Path) -> MoveitLimits:
     content = _DEGREES.sub(
         lambda match: match[0] if math.isnan(number := as_number(match[2]))
         else repr(math.radians(number) if match[1] == b"degrees" else number).encode(),
-        _PREFIX.sub(b"", read_input(path, MAX_BYTES)),
+        re.sub(rb"\$\(var \w+\)", b"", read_input(path, MAX_BYTES)),  # prefixes, mostly empty, of launch files
     )  # fmt: skip
     document = parse_yaml(path, content, keys=_TOPS)
     above: KeyPath = ()  # of what holds the joints
@@ -235,7 +234,7 @@ def read_moveit_limits(path: Path) -> MoveitLimits:
             report("wrong-type", at, f"found {describe(entry)}, expected a mapping with `max_velocity`")
             continue
         for key in entry:
-            if key not in (*_KEYS, *_IGNORED) and re.fullmatch(r"(has|max|min)_\w+", key):
+            if key not in _KEYS and re.fullmatch(r"(has|max|min)_\w+", key):
                 message = f"`{document.name((*at, key))}` is no known key; {expected_names(key, _KEYS)}"
                 problems.append(Problem("unknown-key", message, document.key_place((*at, key))))
         for kind, keys in _LIMITS.items():

@@ -101,12 +101,10 @@ def describe_robot(robot: OwnRobot, folder: Path) -> Description:
         config = _moveit_beside(urdf, around, warnings)
     files = _srdfs_beside(urdf.path, urdf.name) if config is None or not config.srdfs else config.srdfs
     found = _srdf_of(urdf, files, source, warnings, beside=config is None or not config.srdfs)
-    srdf, srdf_text = None, None
-    if found is not None:
-        srdf, srdf_text = found[1], file_text(_named(found[0].resolve(), folder), found[2])
+    srdf_file, srdf, given_too = found or (None, None, {})
     # Limits of another robot are not taken either: mostly its joints have the same names.
-    is_own = config is not None and (found is not None or not config.srdfs)
-    limits_file = config.file("joint_limits.yaml", urdf.name, found and found[0]) if config and is_own else None
+    is_own = config is not None and (srdf is not None or not config.srdfs)
+    limits_file = config.file("joint_limits.yaml", urdf.name, srdf_file) if config and is_own else None
     limits = None if limits_file is None else read_moveit_limits(limits_file)
     roots, gripper, gripper_text = _missing_roots(urdf, robot.package_roots, around), None, None
     if robot.gripper is not None:
@@ -117,10 +115,10 @@ def describe_robot(robot: OwnRobot, folder: Path) -> Description:
         urdf=urdf if limits is None else with_position_limits(urdf, limits),
         urdf_text=file_text(_named(path, folder), given),
         srdf=srdf,
-        srdf_text=srdf_text,
+        srdf_text=None if srdf_file is None else file_text(_named(srdf_file.resolve(), folder), given_too),
         limits=limits,
         limits_file=None if limits_file is None else _named(limits_file, folder),
-        tip=_arm_tip(config.file("kinematics.yaml", urdf.name, found[0]), found[1], urdf) if config and found else None,
+        tip=_arm_tip(config.file("kinematics.yaml", urdf.name, srdf_file), srdf, urdf) if config and srdf else None,
         package_roots=tuple(os.path.relpath(root, folder.resolve()) for root in roots),
         gripper=gripper,
         gripper_text=gripper_text,
@@ -224,14 +222,10 @@ def _srdf_of(
     for file in files:
         try:
             name, arguments = named_robot(file, source.arguments, urdf.name)
-            while name == urdf.name:
-                try:
-                    return file, read_srdf(file, urdf, replace(source, arguments=arguments)), arguments
-                except InputError as error:
-                    if error.problems[0].code != "xacro-argument" or not arguments:
-                        raise
-                    strange = next((one for one in arguments if f"no argument `{one}`" in str(error)), None)
-                    arguments = {} if strange is None else {k: v for k, v in arguments.items() if k != strange}
+            if name == urdf.name:
+                takes = re.findall(r"\$\(arg (\w+)|xacro:arg [^>]*?name=.(\w+)", file.read_text("utf-8", "replace"))
+                arguments = {key: value for key, value in arguments.items() if any(key in names for names in takes)}
+                return file, read_srdf(file, urdf, replace(source, arguments=arguments)), arguments
             if name and (not beside or file.stem == urdf.path.stem):
                 others.setdefault(name, file)
         except InputError as error:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import re
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from sqrp_cli.ask.api.cell import open_cell
+from sqrp_cli.camera.camera import Camera
 from sqrp_cli.cell.load import load_workspace
-from sqrp_cli.checks.cell_warnings import cell_warnings, fastest_tool, swept_cameras
+from sqrp_cli.checks.cell_warnings import cell_warnings, fastest_tool, outside_detectors, scenes_of, swept_cameras
 from sqrp_cli.cli.main import run
 from sqrp_cli.errors import Problem
+from sqrp_cli.geometry import Array, box_corners, inverse, transform
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.collision import PlacedScene
 from tests.cells import copied, edit, read_cases, shipped_cell, write_cell
@@ -121,8 +126,11 @@ def test_a_camera_in_the_way_of_the_arm_is_a_finding_and_rank_says_it_of_the_bes
     checked = cell.check("pickup g2 approach_yaw=0deg")
     assert ["camera-in-the-way"] * hit == [one.code for one in checked.problems if one.code == "camera-in-the-way"]
     best = cell.rank("pickup g2 approach_yaw=0deg", ways="fastest").best
-    found = [one.message for one in swept_cameras(cell.cell, cell.cell.initial_world, [best.way])]
+    scenes = scenes_of(cell.cell, cell.cell.initial_world, [[best.way]])
+    found = [one.message for one in swept_cameras(cell.cell, scenes)]
     assert [message.startswith("camera `more` stands where `") for message in found] == [True] * hit
+    several = [one.message for one in cell.check("pickup green").problems if one.code == "camera-in-the-way"]
+    assert [" in `pickup g1`, and others in `pickup g2`" in message for message in several] == [True] * hit
 
 
 def test_a_camera_that_shows_another_place_than_the_task_is_a_finding_of_check(tmp_path: Path) -> None:
@@ -154,3 +162,35 @@ def test_a_mesh_in_millimetres_that_is_in_the_way_is_doubted_before_any_path_is_
     assert says in row.reasons[0]
     assert "measures 269 m, its `size` 0.326 m: perhaps it is in millimetres, say `scale: 0.001`" in row.reasons[0]
     assert not searched
+
+
+def size_in_image(eye: Camera, X_CB: Array, size: Sequence[float]) -> float:
+    """Square root of the area of a box in the image, by OpenCV [pixels]; 0 where a corner is outside."""
+    corners, still = transform(X_CB, box_corners(size)), np.zeros(3)
+    pixels = cv2.projectPoints(corners, still, still, np.array(eye.matrix), None)[0].reshape(-1, 2)
+    inside = ((pixels > -0.5) & (pixels < [eye.width - 0.5, eye.height - 0.5])).all() and corners[:, 2].min() > eye.near
+    return float(np.sqrt(cv2.contourArea(cv2.convexHull(pixels.astype(np.float32))))) if inside else 0.0
+
+
+@pytest.mark.parametrize(("least", "told"), [(12, False), (130, True)])
+def test_a_part_too_small_from_where_it_is_looked_at_is_told_with_the_distance_that_would_do(least, told, tmp_path):
+    folder = copied(tmp_path)
+    edit(folder, "min_pixels: 12", f"min_pixels: {least}")
+    cell = open_cell(folder)
+    best = cell.rank("pickup g2 approach_yaw=0deg", ways="fastest").best
+    ((_, targets, states),) = scenes = scenes_of(cell.cell, cell.cell.initial_world, [[best.way]])
+    problems = [*outside_detectors(cell.cell, scenes)]
+    assert len(problems) == told
+    views = []  # of each box, the best
+    for box in (box for target in targets for box in target.boxes):
+        posed = [(eye, inverse(states.camera_poses(eye)) @ states.box_poses(box)) for eye in cell.cell.observer.cameras]
+        seen = [(size_in_image(eye, one, box.size), eye, one, box.size) for eye, X_CB in posed for one in X_CB]
+        views.append(max(seen, key=lambda one: one[0]))
+    largest, eye, X_CB, size = min(views, key=lambda one: one[0])
+    assert (largest < least) == told
+    for problem in problems:
+        assert f"`g2` measures at most {largest:.1f} pixels" in problem.message
+        assert f"{np.linalg.norm(X_CB[:3, 3]):.2f} m from camera `{eye.name}`" in problem.message
+        nearer = float(re.search(r"from (\S+) m or nearer", problem.mend)[1]) / np.linalg.norm(X_CB[:3, 3])
+        X_CB[:3, 3] *= nearer
+        assert least <= size_in_image(eye, X_CB, size) < 1.15 * least

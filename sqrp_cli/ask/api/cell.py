@@ -76,7 +76,7 @@ def checked(cell: OpenCell, ask: CheckRequest) -> Check:
     """Whether the workspace is sound, and which candidates can be done, why the others cannot, and what to do first."""
     from sqrp_cli.ask.api.session import Session
     from sqrp_cli.cell.workspace_file import WORKSPACE_FILE
-    from sqrp_cli.checks.cell_warnings import cell_warnings, idle_cameras, swept_cameras
+    from sqrp_cli.checks.cell_warnings import cell_warnings, idle_cameras, outside_detectors, scenes_of, swept_cameras
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.logic.planner import find_plan
     from sqrp_cli.search.suggestion import Suggester, best_suggestion, check_candidate
@@ -107,10 +107,10 @@ def checked(cell: OpenCell, ask: CheckRequest) -> Check:
     wanted = not any(one.feasible for one in found) if ask.plan is None else ask.plan
     suggested = best_suggestion(found, suggester) if wanted else ()
     able = [first_grip(one.candidate) for one in found if one.feasible]
-    done, world = [one.steps or (one,) for one in able], session.job.world
+    scenes = scenes_of(session.cell, session.job.world, [one.steps or (one,) for one in able])
     problems = [*cell.findings, *cell_warnings(session.cell), *intervals_outside(found)]
-    problems += swept_cameras(session.cell, world, done[0] if done else ())
-    problems += idle_cameras(session.cell, world, ask.task, done, problems)
+    problems += (*swept_cameras(session.cell, scenes), *outside_detectors(session.cell, scenes))
+    problems += idle_cameras(session.cell, ask.task, scenes, problems)
     return Check.of(path, name, ask.task, problems, found, suggested)
 
 

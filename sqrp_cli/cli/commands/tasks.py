@@ -108,7 +108,7 @@ def _rank(
     json: bool = requests.JSON,
 ) -> ExitCode:
     from sqrp_cli.ask.api.session import Session, assess, check_choice
-    from sqrp_cli.checks.cell_warnings import cell_warnings, swept_cameras
+    from sqrp_cli.checks.cell_warnings import cell_warnings, scenes_of, swept_cameras
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.platform.files import check_distinct, check_writable
     from sqrp_cli.search.suggestion import with_first_steps
@@ -140,7 +140,8 @@ def _rank(
     print_problems(intervals_outside(found))
     ranking = session.ranking(found, ask, interrupted=interrupted)
     if ranking.best is not None:
-        print_problems(swept_cameras(cell, world, (one.way for one in ranking.best.steps or (ranking.best,))))
+        best = [one.way for one in ranking.best.steps or (ranking.best,)]
+        print_problems(swept_cameras(cell, scenes_of(cell, world, [best])))
     # Written before the output, because its reader may leave early.
     code, message = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranking, choose, program)
     if report is not None and not interrupted:

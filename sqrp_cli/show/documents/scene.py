@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sqrp_cli.camera.camera import Camera, DistortionModel
-from sqrp_cli.camera.detector import Curve, DetectorKind, marker_range
+from sqrp_cli.camera.detector import PERIMETER_RATE, Curve, DetectorKind, marker_range
 from sqrp_cli.cell.mesh import mesh_unit
 from sqrp_cli.document import LEFT_OUT, Pose, Record, WorkspaceDocument, how_many
 from sqrp_cli.files.entries import from_fields
@@ -221,14 +221,14 @@ class ShowDocument(WorkspaceDocument):
     def of(cls, cell: Cell) -> ShowDocument:
         """What was understood of a cell."""
         workspace, X_WO = cell.workspace, cell.initial_world.X_WO
-        ranges = {
-            eye: {name: marker_range(camera, one) for name, one in workspace.markers.items()}
-            for eye, camera in workspace.cameras.items()
-        }
         detectors = {}
         for name, one in workspace.detectors.items():
-            known = ranges if one.kind == "aruco" and any(ranges.values()) else None
-            detectors[name] = from_fields(DetectorScene, one, ranges=known)
+            rates, markers = one.perimeter_rate or PERIMETER_RATE, workspace.markers if one.kind == "aruco" else {}
+            ranges = {
+                eye: {marked: marker_range(camera, marker, 0.0, rates) for marked, marker in markers.items()}
+                for eye, camera in workspace.cameras.items()
+            }
+            detectors[name] = from_fields(DetectorScene, one, ranges=ranges if any(ranges.values()) else None)
         objects = {}
         for name, item in workspace.objects.items():
             pose = X_WO[name].tolist() if name in X_WO else None

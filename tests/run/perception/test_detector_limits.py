@@ -122,6 +122,34 @@ def test_a_detector_that_states_no_limits_has_those_of_its_markers_and_cameras()
     assert stated.detectors["aruco"].distance[1] > 2.5
 
 
+def outline_is_read(side: float, turned: float, rates: tuple[float, float]) -> bool:
+    """Whether OpenCV finds a marker of a side [pixels] that is turned in the image [deg], looking at such outlines."""
+    family, parameters = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), cv2.aruco.DetectorParameters()
+    parameters.minMarkerPerimeterRate, parameters.maxMarkerPerimeterRate = rates
+    drawn = cv2.copyMakeBorder(
+        cv2.aruco.generateImageMarker(family, 5, 600), *[200] * 4, cv2.BORDER_CONSTANT, value=255
+    )
+    turn = cv2.getRotationMatrix2D((499.5, 499.5), turned, side / 600.0) - [[0, 0, 180], [0, 0, 260]]
+    image = cv2.warpAffine(drawn, turn, (640, 480), borderValue=255, flags=cv2.INTER_AREA)
+    return cv2.aruco.ArucoDetector(family, parameters).detectMarkers(image)[1] is not None
+
+
+@pytest.mark.parametrize("rates", [(0.2, 1.5), (0.1, 0.5), (0.03, 1.0)])
+def test_outlines_that_a_detector_passes_over_narrow_the_range_in_which_markers_are_read(rates) -> None:
+    marker, focal, angles = FACING.markers[0].on((0.075, 0.075, 0.002)), FACING.focal, (0.0, 20.0, 45.0)
+    near, far = marker_range(FACING.camera, marker, 0.0, rates)
+    largest, smallest = focal * marker.side / near, focal * marker.side / far
+    assert all(outline_is_read(side, turned, rates) for side in (largest, smallest) for turned in angles)
+    # OpenCV also takes the inside of the black edge for an outline, up to half a threshold's window of 23 further in.
+    assert not any(outline_is_read(largest + 25, 0.0, rates) for turned in angles[:2])
+    assert rates[0] < 0.1 or not outline_is_read(0.9 * smallest, 45.0, rates)
+    entry = DetectorEntry(kind="aruco", distance=(0.05, 9.0), max_incidence=0.0175, min_pixels=4, perimeter_rate=rates)
+    found = Detector.of(entry, {"cam": FACING.camera}, {"plate": marker})
+    assert found.distance == (near, 9.0)
+    assert found.min_pixels == pytest.approx(smallest, rel=1e-3)
+    assert found.usual == found
+
+
 def test_more_pixels_and_larger_markers_are_read_farther_away() -> None:
     small, large = Marker(id=1, side=0.02), Marker(id=1, side=0.04)
     wide, narrow = camera(focal=(300.0, 300.0)), camera(focal=(900.0, 900.0))
