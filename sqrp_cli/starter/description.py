@@ -17,7 +17,7 @@ from itertools import product
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, first_names, misspelt
-from sqrp_cli.files.input_file import missing_file
+from sqrp_cli.files.input_file import missing_file, read_input
 from sqrp_cli.files.packages import (
     MANIFEST,
     needed_packages,
@@ -30,7 +30,7 @@ from sqrp_cli.files.packages import (
     resolve,
 )
 from sqrp_cli.files.source import SourceDocument, describe
-from sqrp_cli.files.yaml_file import read_yaml
+from sqrp_cli.files.yaml_file import MAX_BYTES, parse_yaml
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.moveit import MoveitLimits, SrdfModel, read_moveit_limits, read_srdf, with_position_limits
 from sqrp_cli.robot.read_urdf import read_urdf
@@ -311,7 +311,7 @@ class MoveitConfig:
 def _read_hint(path: Path | None) -> SourceDocument | None:
     """A YAML file of a configuration; None if it is not there or empty. Raises InputError for a damaged one."""
     try:
-        return read_yaml(path, repeats=True) if path and path.is_file() else None  # keys as the setup assistant writes
+        return parse_yaml(path, read_input(path, MAX_BYTES), repeats=True) if path and path.is_file() else None
     except InputError as error:
         if error.problems[0].code != "empty-file":
             raise
