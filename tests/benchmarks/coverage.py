@@ -11,7 +11,7 @@ from sqrp_cli.sight.limits import Cause
 from tests.benchmarks.peers import EmbreePeer
 from tests.benchmarks.scene import BenchmarkScene, lattice, make_scene
 from tests.benchmarks.table import cpu_milliseconds, print_table
-from tests.sight.reference import cut, half_spaces, near
+from tests.sight.plain_geometry import cut, half_spaces, near
 
 SIDES = (2, 5)
 """Points along the edges of the boxes' lattices: 8 and 98 rays."""

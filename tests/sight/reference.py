@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
@@ -28,6 +27,7 @@ from sqrp_cli.shapes import Box, Mesh
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.solids import Solid
 from sqrp_cli.sight.targets import SoughtBox
+from tests.sight.plain_geometry import cut, half_spaces, hits, near, through_box
 
 ROWS, COLUMNS, BEHIND_RAYS, SKIN = 64, 32, 16, 1e-3
 CLOSE = 1e-6
@@ -148,31 +148,6 @@ def projected(camera: Camera, points: Array) -> tuple[Array, bool]:
     return np.array(found)[:, :2], all(shown for *_, shown in found)
 
 
-def half_spaces(points: Array) -> list[tuple[Array, float]]:
-    """Those of a convex hull: (n, o) of the points n . p <= o."""
-    return [(one[:3], -one[3]) for one in ConvexHull(points).equations]
-
-
-def near(triangles: Array, spaces: Sequence[tuple[Array, float]]) -> Array:
-    """Those of triangles (f, 3, 3) that are not wholly beyond one plane."""
-    for n, o in spaces:
-        triangles = triangles[(triangles @ n <= o).any(axis=1)]
-    return triangles
-
-
-def cut(polygon: Sequence[Array], spaces: Sequence[tuple[Array, float]]) -> list[Array]:
-    for n, o in spaces:
-        rest: list[Array] = []
-        for a, b in zip(polygon, [*polygon[1:], *polygon[:1]], strict=True):
-            p, q = a @ n - o, b @ n - o
-            if p <= 0:
-                rest.append(a)
-            if (p > 0) != (q > 0):
-                rest.append(a + p / (p - q) * (b - a))
-        polygon = rest
-    return list(polygon)
-
-
 def pieces(view: View, solid: Solid, grown: float = 0.0, scale: float = 1.0) -> list[list[Array]]:
     """The polygons that the view hull, grown on all sides, cuts out of a solid scaled about its middle."""
     triangles, spaces = view.scene.triangles(solid), [(n, o + grown) for n, o in view.spaces]
@@ -206,21 +181,6 @@ def first(view: View, hit: Sequence[Solid]) -> str:
     rival = min((own for own, one in zip(along, hit, strict=True) if one.name != name), default=inf)
     scene.sure &= rival > least + 1e-7 and abs(least - 1) > 1e-9
     return name
-
-
-def hits(eye: Array, rays: Array, triangles: Array, begins: ArrayLike = 0.0, ends: ArrayLike = inf) -> Array:
-    """The least factor of each ray (r, 3), from where it begins to where it ends, at which it meets a triangle, or inf.
-
-    A ray meets the plane of a triangle in u a + v b + w c of the corners, seen from the eye, with u + v + w = 1, and
-    the triangle if none of them is negative. They are in proportion to the ray's products with b x c, c x a and a x b.
-    """
-    a, b, c = np.moveaxis(triangles - eye, 1, 0)
-    u, v, w = (rays @ np.cross(*two).T for two in ((b, c), (c, a), (a, b)))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        at = (a * np.cross(b, c)).sum(axis=1) / (u + v + w)
-    low, high = (np.reshape(limit, (-1, 1)) for limit in (begins, ends))
-    met = (u * v >= 0) & (u * w >= 0) & (v * w >= 0) & (u + v + w != 0) & (low < at) & (at < high)
-    return np.where(met, at, inf).min(axis=1, initial=inf)
 
 
 def grid(image: Array, is_fine: bool) -> Array:
@@ -262,14 +222,6 @@ class View:
         """The share of rays that nothing blocks."""
         blocked = sum(min(ray) < inf for ray in zip(*self.parts.values(), strict=True))
         return (len(self.rays) - blocked) / self.count
-
-
-def through_box(eye: Array, rays: Array, X_WB: Array, half: Array, middle: Array) -> tuple[Array, Array]:
-    """The factors of rays at which they enter and leave a box."""
-    start = transform(inverse(X_WB), eye[None])[0] - middle
-    with np.errstate(divide="ignore", invalid="ignore"):
-        low, high = [(s * half - start)[:, None] / (X_WB[:3, :3].T @ rays.T) for s in (-1, 1)]
-    return np.fmax.reduce(np.fmin(low, high)), np.fmin.reduce(np.fmax(low, high))
 
 
 def largest(view: View) -> str | None:

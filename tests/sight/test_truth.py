@@ -29,7 +29,8 @@ from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import load_solids
 from sqrp_cli.sight.targets import SoughtBox, Target
-from tests.sight.reference import Scene, through_box
+from tests.sight.plain_geometry import through_box
+from tests.sight.reference import Scene
 from tests.sight.renderer import MujocoScene, Picture
 from tests.sight.views import (
     box_part,

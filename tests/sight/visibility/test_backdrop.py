@@ -16,7 +16,7 @@ from sqrp_cli.shapes import Cylinder, Part
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.solids import Solid, load_solid
 from sqrp_cli.sight.targets import SoughtBox
-from tests.sight.reference import hits
+from tests.sight.plain_geometry import hits
 from tests.sight.views import box_part, look, make_box, make_camera, make_detector, random_pose
 
 EYE = (0.0, -1.0, 0.0)

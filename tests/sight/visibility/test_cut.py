@@ -14,7 +14,7 @@ from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
 from sqrp_cli.sight.solids import load_solid
 from sqrp_cli.sight.targets import Target
-from tests.sight.reference import through_box
+from tests.sight.plain_geometry import through_box
 from tests.sight.views import make_box, make_camera, make_detector, random_rotation
 
 HALF, CLOSE = 0.5, 0.02

@@ -10,7 +10,7 @@ from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, look_at, pose, quaterni
 from sqrp_cli.shapes import BOX_TRIANGLES
 from sqrp_cli.sight.sight_scene import SKIN
 from sqrp_cli.sight.solids import Solid
-from tests.sight.reference import hits, through_box
+from tests.sight.plain_geometry import hits, through_box
 from tests.sight.views import look, make_box, make_camera, make_detector, random_rotation, solid_of
 
 RAYS = 20_000
