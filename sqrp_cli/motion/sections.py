@@ -60,9 +60,8 @@ class Section:
     def least_duration(self) -> float:
         """No branch takes less than this, whatever the joints allow [s]."""
         holds = sum(one.hold for one in self.tied if not one.legs)
-        stated = np.stack([np.full(3, np.inf), *(limits_along(one, curve) for _, one, curve in self.legs)], axis=1)
-        limits = MotionLimits(*stated[:, np.isfinite(stated).all(axis=0)])
-        return holds + float(rest_to_rest_duration(1.0, limits).sum())
+        stated = np.reshape([limits_along(one, curve) for _, one, curve in self.legs], (-1, 3))
+        return holds + float(rest_to_rest_duration(1.0, MotionLimits(*stated[np.isfinite(stated).all(axis=1)].T)).sum())
 
 
 @dataclass(frozen=True, eq=False)
