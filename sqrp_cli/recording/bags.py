@@ -12,7 +12,7 @@ import numpy as np
 
 from sqrp_cli.errors import Place, bad_input, expected_names, first_names
 from sqrp_cli.geometry import Array
-from sqrp_cli.recording.episode import MOST_NUMBERS, STEP_BACK, Episode, Recording, episode_of, recording
+from sqrp_cli.recording.episode import MOST_NUMBERS, STEP_BACK, Recording, alone
 from sqrp_cli.ros.bag import Bag, check_kind
 
 JOINTS = "sensor_msgs/msg/JointState"
@@ -64,11 +64,9 @@ def open_bag(path: Path, rate: float | None, signal: str | None) -> Recording:
     if not len(clock):
         message = f"the states of {first_names([*kept])} are never known at one time; expected all on one clock"
         raise bad_input("wrong-clock", message, Place(path))
-    values = np.column_stack([np.interp(clock, *track) for track in kept.values()])
-    read = episode_of(clock, values, [*kept], Place(path), "this bag", rate)
+    states = np.column_stack([clock, *(np.interp(clock, *track) for track in kept.values())])
     left = [f"`{name}` is known for {spans[name]:.2f} s only and is left out" for name in spans if name not in kept]
-    episode = Episode(read.times, read.values, (*read.told, *left))
-    return recording(path, "bag", [*kept], lambda _: episode, dict.fromkeys(kept, "rad"), rate=rate)
+    return alone(path, "bag", [*kept], states, rate, *left)
 
 
 def _tracks(path: Path, signal: str | None) -> JointTracks:
@@ -90,13 +88,10 @@ def _tracks(path: Path, signal: str | None) -> JointTracks:
                 elif numbers > MOST_NUMBERS:
                     wrong = f"is beyond {MOST_NUMBERS:,} positions of joints; expected one motion"
                 elif t < latest[packed.topic] - STEP_BACK:
-                    wrong = (
-                        f"is {latest[packed.topic] - t:.3g} s before an earlier one; expected the clock of one motion"
-                    )
+                    wrong = f"is {latest[packed.topic] - t:.3g} s before an earlier one; expected one motion"
                 if wrong:
-                    raise bad_input(
-                        "wrong-states", f"a state on `{packed.topic}` {wrong}", Place(path), mend="cut the bag"
-                    )
+                    message = f"a state on `{packed.topic}` {wrong}"
+                    raise bad_input("wrong-states", message, Place(path), mend="cut the bag")
                 latest[packed.topic] = max(t, latest[packed.topic])
                 yield packed.topic, t, state.name, state.position
 

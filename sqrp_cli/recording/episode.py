@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -39,62 +39,57 @@ class Episode:
 class Recording:
     """A recording that can be read, episode by episode, as often as asked for.
 
-    rate: of its states [Hz], stated or the usual one of its first episode. units: of each name, `rad` (or m, of joints
-    that slide), `deg` or `percent`; "" where the file does not tell. episodes: their names. read: gives one by its
-    number, from 0, and keeps only the last one in memory; raises InputError for damage.
+    units: of names that have one: `rad` (or m, of joints that slide), `deg`, `percent`. episodes: their names.
+    load: reads one by its number, from 0. stated_rate: [Hz], if any. Raises InputError without joints or episodes, and
+    for names that are given twice or too many.
     """
 
     path: Path
     kind: str
     names: tuple[str, ...]
-    rate: float
+    load: Callable[[int], Episode]
     units: Mapping[str, str]
-    episodes: tuple[str, ...]
-    read: Callable[[int], Episode]
+    episodes: tuple[str, ...] = ("0",)
+    stated_rate: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.names or not self.episodes:
+            message = f"this {self.kind} has no {'episodes' if self.names else 'joints'}"
+            raise bad_input("empty-recording", message, Place(self.path))
+        if (count := len({*self.names})) < len(self.names) or count > MOST_NAMES:
+            message = f"this {self.kind} has {count:,} names of {len(self.names):,} columns; expected one each"
+            raise bad_input("wrong-columns", f"{message}, {MOST_NAMES:,} at most", Place(self.path))
+
+    @cached_property
+    def read(self) -> Callable[[int], Episode]:
+        """Gives an episode, keeping only the last one in memory; raises InputError for damage."""
+        return lru_cache(maxsize=1)(self.load)
+
+    @cached_property
+    def rate(self) -> float:
+        """Of its states [Hz]: stated, or the usual one of its first episode."""
+        times = self.read(0).times
+        return self.stated_rate or (1.0 / float(np.median(np.diff(times))) if len(times) > 1 else 1.0)
 
 
-def recording(
-    path: Path,
-    kind: str,
-    names: Sequence[str],
-    read: Callable[[int], Episode],
-    units: Mapping[str, str],
-    episodes: Sequence[str] = ("0",),
-    rate: float | None = None,
-) -> Recording:
-    """A recording that was opened; units: where known. Raises InputError without joints or episodes, for odd names."""
-    if not names or not episodes:
-        raise bad_input("empty-recording", f"this {kind} has no {'episodes' if names else 'joints'}", Place(path))
-    if len({*names}) < len(names) or len(names) > MOST_NAMES:
-        message = (
-            f"this {kind} has {len(names):,} columns with {len({*names}):,} names; expected a name of its own for each"
-        )
-        raise bad_input("wrong-columns", f"{message}, {MOST_NAMES:,} at most", Place(path))
-    read = lru_cache(maxsize=1)(read)
-    if rate is None:
-        steps = np.diff(read(0).times)
-        rate = 1.0 / float(np.median(steps)) if len(steps) else 1.0
-    return Recording(path, kind, tuple(names), rate, dict.fromkeys(names, "") | {**units}, tuple(episodes), read)
-
-
-def episode_of(
-    times: Array, values: Array, names: Sequence[str], place: Place, what: str, rate: float | None = None
-) -> Episode:
+def episode_of(states: Array, names: Sequence[str], place: Place, what: str, rate: float | None) -> Episode:
     """An episode of states as a file has them, in its order; what: how messages call it.
 
-    times: on any clock [s], shape (T,). values: shape (T, N). rate: of a stated rate [Hz] the times do not count.
+    states: times on any clock [s], then values, shape (T, 1 + N). rate: if one is stated [Hz], times do not count.
 
     Jitter stays: each state counts at its own time. Of states at one time the first one counts; those that are up to
     `STEP_BACK` before an earlier one are put in order. Pauses are told. Raises InputError without states, for numbers
     that are not finite, for a clock that goes back, repeats more than half of its times or spans more than `LONGEST`.
     """
-    if not len(values):
+    if not len(states):
         raise bad_input("empty-recording", f"{what} has no states", place)
-    times = times if rate is None else np.arange(len(values)) / rate
-    if len(wrong := np.argwhere(~np.isfinite(np.column_stack([times, values])))):
+    if rate is not None:
+        states = np.column_stack([np.arange(len(states)) / rate, states[:, 1:]])
+    if len(wrong := np.argwhere(~np.isfinite(states))):
         name = ("its time", *(f"`{name}`" for name in names))[wrong[0, 1]]
         message = f"{what}: of state {wrong[0, 0] + 1:,}, {name} is no finite number, the first of {len(wrong):,}"
         raise bad_input("not-finite", message, place, mend="leave out the states that are not known")
+    times = states[:, 0]
     back = np.maximum.accumulate(times) - times
     rising, first = np.unique(times, return_index=True)
     steps, twice, late = np.diff(rising), len(times) - len(rising), np.count_nonzero(back)
@@ -114,4 +109,12 @@ def episode_of(
         at = pauses[np.argmax(steps[pauses])]
         begin = rising[at] - rising[0]
         told += [f"{len(pauses):,} pauses without states, the longest of {steps[at]:.2f} s from {begin:.2f} s on"]
-    return Episode(rising - rising[0], np.asarray(values, dtype=float)[first], tuple(told))
+    return Episode(rising - rising[0], states[first, 1:], tuple(told))
+
+
+def alone(path: Path, kind: str, names: Sequence[str], states: Array, rate: float | None, *told: str) -> Recording:
+    """A recording of one episode in SI, see `episode_of`; told: what is doubtful beside its clock."""
+    found = episode_of(states, names, Place(path), f"this {kind}", rate)
+    episode = Episode(found.times, found.values, (*found.told, *told))
+    units = {name: "rad" for name in names if name != HELD}
+    return Recording(path, kind, tuple(names), lambda _: episode, units, stated_rate=rate)

@@ -6,8 +6,9 @@ v2 has a file for each episode, `data/chunk-000/episode_000000.parquet`. In v3 m
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from sqrp_cli.errors import InputError, Place, bad_input, expected_names, needed
 from sqrp_cli.files.input_file import open_input, read_text
 from sqrp_cli.files.json_file import parse_json
 from sqrp_cli.geometry import Array
-from sqrp_cli.recording.episode import MOST_NAMES, MOST_NUMBERS, Episode, Recording, episode_of, recording
+from sqrp_cli.recording.episode import MOST_NAMES, MOST_NUMBERS, Episode, Recording, episode_of
 
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile
@@ -44,8 +45,11 @@ def open_dataset(path: Path, rate: float | None, signal: str | None) -> Recordin
             known = [name for name, one in features.items() if "float" in one["dtype"]]
             message = f"this dataset has no feature `{feature}`; {expected_names(feature, known)}"
             raise bad_input("no-joints", message, Place(info))
-        shape, names = features[feature]["shape"], _names(features[feature].get("names"))
-        width = int(shape[0]) if len(shape) == 1 else 0
+        shape, names = features[feature]["shape"], features[feature].get("names") or []
+        if isinstance(names, dict):  # of names to numbers, or of lists, such as `motors`
+            numbered = all(isinstance(one, int) for one in names.values())
+            names = sorted(names, key=names.__getitem__) if numbered else chain.from_iterable(names.values())
+        width, names = int(shape[0]) if len(shape) == 1 else 0, [*map(str, names)]
         if not 0 < width <= MOST_NAMES:
             raise ValueError(f"whose `{feature}` has the shape {str(shape)[:40]}")
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
@@ -71,19 +75,9 @@ def open_dataset(path: Path, rate: float | None, signal: str | None) -> Recordin
     def read(episode: int) -> Episode:
         number, file = numbers[episode], files[numbers[episode]]
         parts = [np.zeros((0, 1 + width)), *_states(file, feature, width, None if is_v2 else number, fps)]
-        states = np.concatenate(parts)
-        return episode_of(states[:, 0], states[:, 1:], names, Place(file), f"episode {number}", rate)
+        return episode_of(np.concatenate(parts), names, Place(file), f"episode {number}", rate)
 
-    return recording(path, "dataset", names, read, {}, [*map(str, numbers)], rate or fps)
-
-
-def _names(said: object) -> list[str]:
-    """Names in their order, as versions have them: a list, a mapping of lists, or of names to numbers."""
-    if isinstance(said, Mapping):
-        numbered = all(isinstance(one, int) for one in said.values())
-        return sorted(said, key=said.__getitem__) if numbered else _names([*said.values()])
-    parts = said if isinstance(said, list) else []
-    return [name for part in parts for name in ([part] if isinstance(part, str) else _names(part))]
+    return Recording(path, "dataset", tuple(names), read, {}, tuple(map(str, numbers)), rate or fps)
 
 
 def _states(file: Path, feature: str, width: int, episode: int | None, fps: float) -> Iterator[Array]:

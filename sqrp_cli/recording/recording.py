@@ -10,7 +10,7 @@ from typing import NamedTuple
 from sqrp_cli.errors import InputError, Place, bad_input, bad_option, expected_names
 from sqrp_cli.files.input_file import missing_file, open_input
 from sqrp_cli.recording.bags import open_bag
-from sqrp_cli.recording.episode import HELD, Episode, Recording, recording
+from sqrp_cli.recording.episode import HELD, Episode, Recording
 from sqrp_cli.recording.lerobot import open_dataset
 from sqrp_cli.recording.texts import open_log, open_program, open_table, open_trajectory
 from sqrp_cli.ros.bag import SUFFIXES, is_bag
@@ -75,8 +75,8 @@ def open_recording(path: Path, *, signal: str | None = None, rate: float | None 
         found = one.read(0)
         return Episode(found.times, found.values[:, [one.names.index(name) for name in first.names]], found.told)
 
-    names = [file.stem for file in files]
-    return recording(path, first.kind, first.names, read, first.units, names, first.rate)
+    names = tuple(file.stem for file in files)
+    return Recording(path, first.kind, first.names, read, first.units, names, rate)
 
 
 def _reader_of(path: Path) -> Reader | None:

@@ -23,21 +23,17 @@ from sqrp_cli.files.yaml_file import read_yaml
 from sqrp_cli.geometry import Array
 from sqrp_cli.program.file import load_program
 from sqrp_cli.program.joint_trajectory import points
-from sqrp_cli.recording.episode import HELD, MOST_NUMBERS, Episode, Recording, episode_of, recording
+from sqrp_cli.recording.episode import HELD, MOST_NUMBERS, Episode, Recording, alone, episode_of
 
 MAX_BYTES = 200_000_000
 """Largest log or table that is read; with six cameras a second of a run takes some 7 kB, so this is eight hours."""
 MAX_LINE, MAX_LINES = 10_000_000, 1_000_000
-"""Most bytes of a line of a log that is read, and most lines."""
-_LONGEST_LINE = 1_000_000
-"""Most characters of a line of a table; what is behind them is taken for the next one, which will not fit."""
+"""Most bytes of a line that is read, and most lines of a log."""
 RATE = 100.0
 """Of the states that are read of a program [Hz], whose motion is exact; there are more where a primitive begins."""
 _WITHIN: tuple[KeyPath, ...] = ((), ("joint_trajectory",), ("trajectory",), ("trajectory", "joint_trajectory"))
 """Where a file may have its trajectory: alone, of MoveIt, and as the goal of an action."""
-_TIME = re.compile(
-    r"(?i)(time|time_?stamp|stamp|t|secs?|seconds|time_from_start)[\s_]*[(\[]?(ns|us|µs|ms|s|secs?)?[)\]]?"
-)
+_TIME = re.compile(r"(?i)(time|time_?stamp|stamp|t|secs?|seconds|time_from_start)\W*_?(ns|us|µs|ms|s|secs?)?\W*")
 _EPISODE = re.compile(r"(?i)episode(_?(index|id|number))?")
 _DIVISORS = {"ns": 1e9, "us": 1e6, "µs": 1e6, "ms": 1e3}
 _UNITS = {"deg": r"(?i)\bdeg|_deg|°", "rad": r"(?i)\brad|_rad", "percent": r"(?i)%|percent"}
@@ -76,36 +72,33 @@ def open_table(path: Path, rate: float | None, _signal: str | None) -> Recording
 
     def read(episode: int) -> Episode:
         part = slice(*starts[episode : episode + 2])
-        values = np.array([columns[name][part] for name in joints]).T
-        times = columns[clock][part] if clock is not None else np.zeros(len(values))
-        return episode_of(times, values, names, where, f"episode {episode}" if chapter else "this table", rate)
+        states = np.column_stack([columns[name][part] for name in (clock or joints[0], *joints)])
+        return episode_of(states, names, where, f"episode {episode}" if chapter else "this table", rate)
 
-    return recording(path, "table", names, read, units, [f"{number:g}" for number in column[starts[:-1]]], rate)
+    episodes = tuple(f"{number:g}" for number in column[starts[:-1]])
+    return Recording(path, "table", tuple(names), read, units, episodes, rate)
 
 
 def _columns(path: Path) -> Mapping[str, Array]:
     """The columns of numbers of a table by name, (n,) each, that of times in seconds; text is left out."""
-    at, divider, commas = 0, None, False
+    at, commas = 0, False
     with open_input(path, MAX_BYTES) as file, TextIOWrapper(file, "utf-8-sig", errors="replace") as text:
 
         def lines() -> Iterator[str]:
             nonlocal at
-            for line in iter(partial(text.readline, _LONGEST_LINE), ""):
+            for line in iter(partial(text.readline, MAX_LINE), ""):
                 at += 1
                 if line.strip() and line.lstrip()[0] not in "#%":
                     yield line.replace(",", ".") if commas else line
 
-        def cells(line: str) -> list[str]:
-            return line.split() if divider is None else [cell.strip(' "\n') for cell in line.split(divider)]
-
         try:
-            rows = lines()
+            rows, used = lines(), dict[int | str, Callable[[str], float]]()
             head = next(rows, "")
             divider = next((one for one in ";\t,|" if one in head), None)
             commas = divider != ","
-            names, first = cells(head), next(rows, "")
-            used: dict[int | str, Callable[[str], float]] = {}
-            for index, (name, cell) in enumerate(zip(names, cells(first), strict=False)):
+            first = next(rows, "")
+            names, cells = ([cell.strip(' "\n') for cell in line.split(divider)] for line in (head, first))
+            for index, (name, cell) in enumerate(zip(names, cells, strict=False)):
                 if name == HELD:
                     used[index] = lambda cell: float(cell.strip() not in ("", "0"))
                 elif not np.isnan(as_number(cell)) or cell.lower() == "nan":
@@ -115,16 +108,13 @@ def _columns(path: Path) -> Mapping[str, Array]:
             chosen = [index for index in range(len(names)) if index in used]
             if not first or not chosen or len({names[index] for index in chosen}) < len(chosen):
                 raise ValueError("no numbers, or a name twice")
-            most = MOST_NUMBERS // len(chosen)
-            numbers = partial(np.loadtxt, delimiter=divider, quotechar='"', comments=None, ndmin=2, max_rows=most + 1)
-            table = numbers(chain([first], rows), usecols=chosen, converters=used)
-            if len(table) > most:
-                raise ValueError(f"more than {most:,} lines")
+            numbers = partial(np.loadtxt, delimiter=divider, quotechar='"', comments=None, ndmin=2)
+            table = numbers(chain([first], rows), usecols=chosen, converters=used, max_rows=MOST_NUMBERS // len(chosen))
+            if next(rows, None) is not None:
+                raise ValueError(f"more than {MOST_NUMBERS:,} numbers")
         except ValueError as error:
             told = str(error).partition(" at row ")[0][:100]
-            message = (
-                f"this is no line of a table: {told}; expected names in the first one, then numbers in each column"
-            )
+            message = f"this is no line of a table: {told}; expected names in the first one, then numbers"
             raise bad_input("wrong-columns", message, Place(path, at)) from error
     found = {names[index]: column for index, column in zip(chosen, table.T, strict=True)}
     clocks = {name: match[2] or "s" for name in found if (match := _TIME.fullmatch(name))}
@@ -138,52 +128,43 @@ def open_trajectory(path: Path, rate: float | None, _signal: str | None) -> Reco
     names, rows = (document.at((*at, key)) for key in ("joint_names", "points"))
     if not isinstance(names, list) or not isinstance(rows, list):
         raise document.error("wrong-value", at, "expected the lists `joint_names` and `points`")
-    names, times, values = [*map(str, names)], np.zeros(len(rows)), np.zeros((len(rows), len(names)))
+    names, states = [*map(str, names)], np.zeros((len(rows), 1 + len(names)))
     for index, row in enumerate(rows):
         try:
             since, positions = row["time_from_start"], np.array(row["positions"], dtype=float)
             if isinstance(since, dict):  # of ROS 1, or of ROS 2
                 named = {"sec": since.get("secs", "?"), "nanosec": since.get("nsecs", 0), **since}
                 since = float(named["sec"]) + 1e-9 * float(named["nanosec"])
-            times[index], values[index] = float(since), positions.reshape(len(names))
+            states[index] = [float(since), *positions.reshape(len(names))]
         except (KeyError, TypeError, ValueError) as error:
-            message = (
-                f"expected {len(names)} numbers in `positions`, as in `joint_names`, and seconds in `time_from_start`"
-            )
+            message = f"expected {len(names)} numbers in `positions`, for `joint_names`, and its `time_from_start`"
             raise document.error("wrong-value", (*at, "points", index), message) from error
-    return _alone(path, "joint trajectory", names, times, values, rate)
+    return alone(path, "joint trajectory", names, states, rate)
 
 
 def open_program(path: Path, rate: float | None, _signal: str | None) -> Recording:
     """The motion of a program, exactly at times of a rate, by default `RATE`, and where parts begin; and `HELD`."""
     program = load_program(path)
     found = [*points(program, rate or RATE)] if program.steps else []
-    values = np.array([[*point.q, float(point.held is not None)] for point in found])
-    return _alone(path, "program", [*program.joints, HELD], np.array([point.time for point in found]), values, None)
+    states = np.array([[point.time, *point.q, point.held is not None] for point in found], dtype=float)
+    return alone(path, "program", [*program.joints, HELD], states, None)
 
 
 def open_log(path: Path, rate: float | None, _signal: str | None) -> Recording:
     """Where the robot was during a run, by its log, and `HELD`. Raises InputError."""
     names, q, held = list[str](), list[float](), None
-    states, times = array("d"), array("d")
+    states, count = array("d"), 0
     for place, event in log_lines(path):
         if event["event"] == "state" and len(states) < MOST_NUMBERS:
             names, q, held = names or event.get("joints", []), event.get("q", q), event.get("held", held)
             try:
-                states.extend([*map(float, q), float(held is not None)])
-                times.append(event["t"])
-                if len(states) != len(times) * (len(names) + 1):
+                states.extend(map(float, [event["t"], *q, held is not None]))
+                count += 2 + len(names)
+                if len(states) != count:
                     raise ValueError
             except (TypeError, ValueError) as error:
                 raise no_log("this state has not as many positions `q` as there are `joints`", place) from error
-    names = [*map(str, names), HELD]
-    return _alone(path, "log", names, np.array(times), np.array(states).reshape(-1, len(names)), rate)
-
-
-def _alone(path: Path, kind: str, names: list[str], times: Array, values: Array, rate: float | None) -> Recording:
-    """A recording with one episode, in SI."""
-    episode = episode_of(times, values, names, Place(path), f"this {kind}", rate)
-    return recording(path, kind, names, lambda _: episode, {name: "rad" for name in names if name != HELD}, rate=rate)
+    return alone(path, "log", [*map(str, names), HELD], np.array(states).reshape(-1, 2 + len(names)), rate)
 
 
 def log_lines(path: Path) -> Iterator[tuple[Place, Mapping[str, Any]]]:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from sqrp_cli.recording.recording import open_recording
 from sqrp_cli.show.pages.assembly import tidy
 from tests.cli.browser import detail_in
 from tests.replay import Replay, assert_continuous, assert_limits, assert_straight
@@ -38,6 +39,20 @@ def export(sqrp, program):
 @pytest.fixture(scope="module")
 def replay(shown, export):
     return Replay(shown.document, export)
+
+
+def test_what_is_exported_is_read_back_as_the_same_motion(sqrp, program, export, replay):
+    ros = export.with_name("again.yaml")
+    assert sqrp("program", program, "--export", ros, "--rate", RATE).code == 0
+    for file, rate in ((program, RATE), (export, None), (ros, None)):
+        found = open_recording(file, rate=rate)
+        episode = found.read(0)
+        np.testing.assert_allclose(episode.times, replay.t, atol=1e-9)
+        columns = [found.names.index(name) for name in replay.joints if name in found.names]
+        np.testing.assert_allclose(episode.values[:, columns], replay.q[:, : len(columns)], atol=1e-9)
+        if "held" in found.names:
+            held = [float(row["held"] != "") for row in replay.rows]
+            np.testing.assert_array_equal(episode.values[:, found.names.index("held")], held)
 
 
 def test_rows_and_the_ros_message_say_the_same_and_the_tool_is_told_once(replay, listed, shown, sqrp, program, export):
