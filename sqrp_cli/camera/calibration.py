@@ -114,17 +114,12 @@ def _chosen(document: SourceDocument, wanted: CalibrationFile, asked: str) -> tu
         raise bad_input("unknown-camera", message, Place(document.path), mend=mend)
     if len(found) == 1 and not found[0].at and not found[0].mark:
         return found[0], None
-    stated = {
-        name: {word: document.at((*one.at, *path)) for word, path in one.words.items()} for name, one in names.items()
-    }
-    told = [wanted.width, wanted.height]
     fitting = [name for name in names if wanted.camera in (None, name)]
-    of_size = [
-        name
-        for name in fitting
-        if told in (stated[name].get("size"), [stated[name].get(side) for side in ("width", "height")])
-    ]
-    fitting = of_size if len(fitting) > 1 and of_size and None not in told else fitting  # sections of a ZED
+    stated = {name: {word: document.at((*names[name].at, *path)) for word, path in names[name].words.items()}
+              for name in fitting}  # fmt: skip
+    if wanted.width is not None:  # which chooses among the sections of a ZED
+        sides = {name: one.get("size", [one.get("width"), one.get("height")]) for name, one in stated.items()}
+        fitting = [name for name in fitting if sides[name] == [wanted.width, wanted.height]] or fitting
     if len(fitting) > 1 and all(stated[name] == stated[fitting[0]] for name in fitting):  # frames of a scene
         return names[fitting[0]], None
     if len(fitting) > 1:
@@ -149,9 +144,7 @@ def _size(stated: formats.StatedLens, part: SourceDocument, wanted: CalibrationF
         off, less = (np.abs(middle / np.array(one) - 0.5).max() for one in (size, turned))
         size = turned if told == turned else size
         if off > MOST_OFF > less and told is None:
-            message = (
-                f"found {part.at(at)}, which is height and width: the principal point is in the middle of {turned}"
-            )
+            message = f"found {part.at(at)}, but the principal point is in the middle of {turned} pixels"
             mend = f"say `{asked}: {{file: {wanted.file}, width: {turned.width}, height: {turned.height}}}`"
             raise part.error("image-size", at, message, mend)
     if size is None:

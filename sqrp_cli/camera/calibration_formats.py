@@ -33,6 +33,7 @@ _INI_KEYS = {"camera matrix": "camera_matrix", "distortion": "distortion_coeffic
 _INI_KEY = re.compile(rf"^[ \t]*({'|'.join(_INI_KEYS)})[ \t\r]*$", re.MULTILINE)
 _INI_NAME = re.compile(r"(?!nan\b|inf\b)[a-z][a-z_ ]*")
 _INI_VALUE = re.compile(r"^[ \t]*([A-Za-z_][\w.]*)[ \t]*=[ \t]*([^#;\n\r]*)", re.MULTILINE)
+NUMPY = (b"PK\x03\x04", b"\x93NUMPY")  # how npz and npy files begin
 _ZED = re.compile(r"\w*CAM_(\w+)")
 _COLMAP_LINE = re.compile(r"\s*(?:#.*\n\s*)*\d+[ \t]+(?:[A-Z]+_?[A-Z_]+\s|[a-z_]+[ \t]+\d+[ \t]+\d+\s)")
 _NUMBERS = re.compile(r"[-+\d.eEnaif\s]+\Z")
@@ -46,7 +47,7 @@ def read_calibration_text(path: Path, keys: Collection[str] = ()) -> tuple[Sourc
     """
     content = read_input(path, MAX_BYTES)
     data, places = Data(), dict[KeyPath, Place]()
-    if content.startswith((b"PK\x03\x04", b"\x93NUMPY")):
+    if content.startswith(NUMPY):
         return SourceDocument(path, content, read_arrays(path, content), places, places), "NumPy"
     if not keys:
         refuse_unread(path, content)
@@ -265,10 +266,7 @@ _MARKED = re.compile(
     rf"(?P<before>{_MARKS}|cam(?:era)?\d*)(?P<first>\w+)|(?P<last>\w+?)_?(?P<after>{_MARKS}|cam(?:era)?\d*|[lr\d])"
 )
 _TOP_WORDS = ("matrix", *_PINHOLE, "D", "width", "height", "size", "model", "kind")
-TOP_KEYS = (
-    "cam0", "Camera_Matrix", "cameraMatrix", "d", "k", "image_Width", "imageSize", "Camera.fx", "Camera1.fx", "M1",
-    *(key for word in _TOP_WORDS for key in FACTS["words"][word]),
-)  # fmt: skip
+TOP_KEYS = (*FACTS["lens_keys"], *(key for word in _TOP_WORDS for key in FACTS["words"][word]))
 """Keys of which one is at the top of a calibration file in YAML, so that problems may quote it."""
 
 

@@ -22,7 +22,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from sqrp_cli.camera.calibration_formats import read_calibration_text, refuse_unread
+from sqrp_cli.camera.calibration_formats import FACTS, NUMPY, read_calibration_text, refuse_unread
 from sqrp_cli.camera.camera import CameraEntry
 from sqrp_cli.camera.pose_matrices import X_of, chosen_pose, colmap_images, poses_in
 from sqrp_cli.errors import Place, bad_input, expected_names
@@ -41,7 +41,6 @@ MOST_MESSAGES = 10_000  # most messages that are read; each node that publishes 
 PUBLISHER = "static_transform_publisher"
 MOST_SUBSTITUTIONS = 20  # of launch arguments in a text
 LARGEST_TRANSLATION = 1e4  # largest coordinate [m]
-_COLMAP = re.compile(r"\A(?:#.*\n|\s)*\d+(?:[ \t]+[-+\d.eE]+){7}[ \t]+\d+[ \t]+\S", re.MULTILINE)
 _DOCUMENTS = re.compile(r"^---[ \t]*$", re.MULTILINE)
 _SHELL = ("&", "&&", ";", "|", "||")  # what ends a command
 _POSITION = ("x", "y", "z")
@@ -103,11 +102,6 @@ _PARAMETERS: Any = {
 }
 _EASY_HANDEYE, _EARLY = foreign(**_RESULT, parameters=foreign(**_PARAMETERS)), foreign(**_RESULT, **_PARAMETERS)
 """Results of easy_handeye; in early versions the parameters stand beside the transformation."""
-_KEYS = (
-    "parameters", "transform", "transformation", "tracking_base_frame", "header", "transforms", "child_frame_id",
-    "frames", "rotation", "translation", "extrinsic", "extrinsics", "matrix", "pose", "R", "T", "t", "rvec", "tvec",
-)  # fmt: skip
-"""Keys of which one is at the top of a file with poses in YAML, so that problems may quote it."""
 
 
 def read_hand_eye(
@@ -133,15 +127,14 @@ def read_hand_eye(
         read = repr([(one.parent, one.child, one.X_PC.tolist()) for one in transforms]).encode()
     else:
         read = read_input(path, MAX_BYTES)
-        is_binary = read.startswith((b"PK\x03\x04", b"\x93NUMPY"))
-        text = "" if is_binary else decoded(path, read)
-        reader = next((reader for reader in READERS if re.search(reader.mark, text, re.MULTILINE)), None)
-        if reader is None or reader.read is None:
+        text = "" if read.startswith(NUMPY) else decoded(path, read)
+        pose_file = next((name for name, mark in FACTS["poses"].items() if re.search(mark, text, re.MULTILINE)), "")
+        if not pose_file:
             return _of_numbers(path, read, text, camera, asked, entry)
         if needless:
-            message = f"`{asked}.{needless[0]}` is of matrices and vectors; this file, {reader.title}, says it itself"
+            message = f"`{asked}.{needless[0]}` is of matrices and vectors; this file, {pose_file}, says it itself"
             raise bad_input("conflicting-keys", message, Place(path), mend=f"leave `{needless[0]}` out")
-        pose_file, found = reader.title, reader.read(path, read, text)
+        found = READERS[pose_file](path, read, text)
         if isinstance(found, StaticTransform):
             return found
         transforms = found
@@ -173,17 +166,16 @@ def _of_numbers(
     path: Path, content: bytes, text: str, camera: str | None, asked: str, entry: CameraEntry | None
 ) -> StaticTransform:
     """The pose that numbers of a file state."""
-    if _COLMAP.search(text):
+    if re.search(FACTS["colmap_images"], text):
         document, title = SourceDocument(path, content, {}, {}, {}), "COLMAP's images.txt"
         found = colmap_images(text, path)
     else:
         refuse_unread(path, content, "hand_eye")
-        document, syntax = read_calibration_text(path, _KEYS)
+        document, syntax = read_calibration_text(path, FACTS["pose_keys"])
         title, found = f"a matrix ({syntax})", poses_in(document)
         title = "transforms.json" if "frames" in document.data else title
     if not found:
-        known = ", ".join(reader.title for reader in READERS)
-        message = f"found no camera pose; expected {known}, a recording, a matrix or a vector of 6"
+        message = f"found no camera pose; expected {', '.join(READERS)}, a recording, a matrix or a vector of 6"
         raise bad_input("unknown-calibration", message, Place(path))
     one = chosen_pose(found, camera, document, asked)
     X_FC, frame = X_of(one, document.value_place(one.at), asked, entry), (entry.frame if entry is not None else None)
@@ -192,7 +184,7 @@ def _of_numbers(
 
 def _easy_handeye(path: Path, content: bytes, _text: str) -> StaticTransform:
     """A result of easy_handeye."""
-    document = parse_yaml(path, content, keys=_KEYS)
+    document = parse_yaml(path, content, keys=FACTS["pose_keys"])
     owner: KeyPath = () if "tracking_base_frame" in document.data else ("parameters",)
     result: Any = validate(document, _EASY_HANDEYE if owner else _EARLY)
     parameters = result.parameters if owner else result
@@ -307,7 +299,7 @@ def _substituted(text: str, defaults: Mapping[str, str | None], place: Place) ->
         if (value := defaults.get(found[1] or "")) is None:
             break
         text = text.replace(found[0], value)
-    message = f"this transform depends on `{text[:60]}`, which is not known before a launch"
+    message = f"this transform depends on `{found[0][:60] if found else text[:60]}`, which is not known before a launch"
     mend = "give the argument a default, or write the transform that holds into a file of its own"
     raise bad_input("ambiguous-entry", message, place, mend=mend)
 
@@ -330,7 +322,6 @@ def _of_python(path: Path, text: str) -> Iterator[StaticTransform]:
     calls = [call for call in ast.walk(tree) if isinstance(call, ast.Call)]
     names = {target.id: one.value for one in ast.walk(tree) if isinstance(one, ast.Assign)
              for target in one.targets if isinstance(target, ast.Name)}  # fmt: skip
-    assigned = {name: ast.unparse(value) for name, value in names.items()}
     defaults: dict[str, str | None] = {}
     around: dict[ast.Call, list[tuple[str, bool]]] = {}  # conditions, and whether each has to hold
     for call in calls:  # the outer ones first
@@ -338,16 +329,15 @@ def _of_python(path: Path, text: str) -> Iterator[StaticTransform]:
         name, default = next(iter(call.args), given.get("name")), given.get("default_value")
         if isinstance(name, ast.Constant) and isinstance(default, ast.Constant):
             defaults[str(name.value)] = str(default.value)
-        if "condition" in given:  # `IfCondition(LaunchConfiguration(...))`, or the opposite
-            condition = ast.unparse(given["condition"])
-            for _ in range(2):  # both may be variables
-                condition = re.sub(
-                    r"(^|\()(\w+)(?=\)|$)", lambda word: word[1] + assigned.get(word[2], word[2]), condition
-                )
-            parts = r"[\w.]*?(If|Unless)Condition\((?:[\w.]*LaunchConfiguration\()?'([^']*)'\)+"
-            asked = (condition, True)
-            if found := re.fullmatch(parts, condition):
-                asked = (f"$(var {found[2]})" if "LaunchConfiguration" in condition else found[2], found[1] == "If")
+        if (
+            condition := given.get("condition")
+        ) is not None:  # `IfCondition(LaunchConfiguration(...))`, or the opposite
+            condition = names.get(condition.id, condition) if isinstance(condition, ast.Name) else condition
+            asked = (ast.unparse(condition), True)
+            if isinstance(condition, ast.Call) and (
+                found := re.search("(If|Unless)Condition$", ast.unparse(condition.func))
+            ):
+                asked = (_plain(condition.args[0], names) or asked[0], found[1] == "If")
             for inner in (inner for inner in ast.walk(call) if isinstance(inner, ast.Call)):
                 around.setdefault(inner, []).append(asked)
     for call in calls:
@@ -363,19 +353,22 @@ def _of_python(path: Path, text: str) -> Iterator[StaticTransform]:
             raise bad_input("wrong-value", message, place, mend="write them as a list of texts")
         words = []
         for item in stated.elts:
-            value = names.get(item.id, item) if isinstance(item, ast.Name) else item
-            if isinstance(value, ast.Call) and "LaunchConfiguration" in ast.unparse(value.func) and value.args:
-                word = ast.unparse(value.args[0]).strip("'")
-                words.append(_substituted(f"$(arg {word})", defaults, Place(path, item.lineno, item.col_offset + 1)))
-                continue
-            is_negative = isinstance(item, ast.UnaryOp) and isinstance(item.op, ast.USub)
-            plain = item.operand if isinstance(item, ast.UnaryOp) and is_negative else item
-            if not (isinstance(plain, ast.Constant) and isinstance(plain.value, str | int | float)):
+            at, word = Place(path, item.lineno, item.col_offset + 1), _plain(item, names)
+            if word is None:
                 message = f"`{ast.unparse(item)}` is not known without running the file; expected text or a number"
-                at = Place(path, item.lineno, item.col_offset + 1)
                 raise bad_input("wrong-value", message, at, mend="write the value itself")
-            words.append(f"{'-' if is_negative else ''}{plain.value}")
+            words.append(_substituted(word, defaults, at))
         yield _of_words(words, place)
+
+
+def _plain(node: ast.expr, names: Mapping[str, ast.expr]) -> str | None:
+    """A text, number or launch argument of Python, as launch files in XML have it; None for anything else."""
+    node = names.get(node.id, node) if isinstance(node, ast.Name) else node
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) and (text := _plain(node.operand, {})):
+        return f"-{text}"
+    if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("LaunchConfiguration") and node.args:
+        return f"$(var {_plain(node.args[0], {})})"
+    return str(node.value) if isinstance(node, ast.Constant) and isinstance(node.value, str | int | float) else None
 
 
 def _of_words(words: Sequence[str], place: Place) -> StaticTransform:
@@ -430,21 +423,10 @@ def read_bag(path: Path) -> list[StaticTransform]:
     return list(found.values())
 
 
-class PoseReader(NamedTuple):
-    """A format of files with camera poses."""
-
-    title: str
-    mark: str
-    """A pattern that its text has."""
-    read: Callable[[Path, bytes, str], StaticTransform | list[StaticTransform]] | None
-    """Its transforms, of which the camera's are chosen and put together, or the pose; None for numbers."""
-
-
-READERS = (
-    PoseReader("a URDF", r"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!--[\s\S]*?-->\s*)*<robot\b", _read_urdf),
-    PoseReader(PUBLISHER, PUBLISHER, _read_launch),
-    PoseReader("TF messages", r"^[ \t]*child_frame_id:|^transforms:", _read_messages),
-    PoseReader("easy_handeye", rf"^[ \t]*(?:{'|'.join(_KEYS[:4])}):\s*[^\s\[!-]", _easy_handeye),
-    PoseReader("COLMAP's images.txt", _COLMAP.pattern, None),
-)
-"""Formats by content; a file of none of these has numbers alone."""
+READERS: Mapping[str, Callable[[Path, bytes, str], StaticTransform | list[StaticTransform]]] = {
+    "a URDF": _read_urdf,
+    PUBLISHER: _read_launch,
+    "TF messages": _read_messages,
+    "easy_handeye": _easy_handeye,
+}
+"""By format the transforms of a file, of which the camera's are chosen and put together, or the pose itself."""

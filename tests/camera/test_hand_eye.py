@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -179,16 +180,28 @@ def test_body_axes_are_turned_into_optical_ones(cell):
     assert [warning for warning in workspace.warnings if warning.code == "doubtful-axes"] == []
 
 
-@pytest.mark.parametrize("case", CASES["same"], ids=lambda case: case["case"])
-def test_numbers_mean_what_their_format_or_the_workspace_says(cell, case):
+def with_pose_file(cell: Path, case: Mapping[str, Any]) -> Path:
+    """The cell with its wrist camera where a file says, and what the workspace says of that."""
     (cell / "pose").write_text(case["text"], encoding="utf-8")
     stated = case["hand_eye"].replace("FILE", "pose")
     stated = stated if stated.startswith("urdf") else f"file: pose, {stated}".rstrip(", ")
     beside = "".join(f"    {key}\n" for key in case["beside"].split(", ") if key)
     edit(cell, ORIGINAL, f"    hand_eye: {{{stated}}}\n{beside}")
-    camera = load_workspace(cell).cameras["hand"]
+    return cell
+
+
+@pytest.mark.parametrize("case", CASES["same"], ids=lambda case: case["case"])
+def test_numbers_mean_what_their_format_or_the_workspace_says(cell, case):
+    camera = load_workspace(with_pose_file(cell, case)).cameras["hand"]
     assert camera.frame == "wrist"
     np.testing.assert_allclose(camera.X_FC, CASES["matrix"], atol=1e-9)
+
+
+@pytest.mark.parametrize("case", CASES["unsaid"], ids=lambda case: case["case"])
+def test_numbers_that_nobody_explains_are_asked_for(cell, case):
+    problem = refused(load_workspace, with_pose_file(cell, case))
+    assert case["says"] in problem.message
+    assert all(words in (problem.mend or "") for words in case["mend"])
 
 
 def test_pose_and_calibration_exclude_each_other(cell):
