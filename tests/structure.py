@@ -27,7 +27,7 @@ ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_342),
     "files": ("files", 2_056),
     "robot": ("robot", 3_096),
-    "camera": ("camera", 2_406),
+    "camera": ("camera", 2_381),
     "cell": ("cell", 3_317),
     "logic": ("logic", 2_330),
     "skill, program, recording": ("skill program recording", 2_549),

@@ -254,5 +254,5 @@ def _moved_by_order(D: Sequence[float], K: Array, size: PixelSize) -> float:
     k1, k2, p1, p2, k3 = (*D, *[0.0] * 5)[:5]
     s = x * x + y * y
     more = (1 + s * (k1 + s * (k2 + s * k3))) ** 2 - 1  # of the squares of x and y
-    across, down = 2 * p1 * x * y + p2 * (s + 2 * x * x), p1 * (s + 2 * y * y) + 2 * p2 * x * y
+    across, down = 2 * (p1 * x * y + p2 * x * x), 2 * (p1 * y * y + p2 * x * y)  # it leaves p2 s and p1 s as they are
     return float(np.hypot(K[0, 0] * more * across, K[1, 1] * more * down).max())

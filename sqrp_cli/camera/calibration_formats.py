@@ -22,7 +22,7 @@ from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.files.entries import MappingOr, Number, foreign
 from sqrp_cli.files.input_file import decoded, read_input
 from sqrp_cli.files.json_file import json_document, parse_json
-from sqrp_cli.files.source import Data, KeyPath, SourceDocument, not_finite
+from sqrp_cli.files.source import Data, KeyPath, SourceDocument, describe, not_finite
 from sqrp_cli.files.validation import misspelt, validate
 from sqrp_cli.files.xml_file import Element, parse_xml
 from sqrp_cli.files.yaml_file import MAX_BYTES, parse_yaml, read_yaml, top_key
@@ -262,8 +262,9 @@ def shortened(model: str) -> str:
 
 _WORDS = {squashed(key): word for word, keys in FACTS["words"].items() for key in keys}
 _MARKS = "|".join(FACTS["marks"])
-_MARKED = re.compile(
-    rf"(?P<before>{_MARKS}|cam(?:era)?\d*)(?P<first>\w+)|(?P<last>\w+?)_?(?P<after>{_MARKS}|cam(?:era)?\d*|[lr\d])"
+_MARKED = (
+    re.compile(rf"(?P<base>\w+?)_?(?P<mark>{_MARKS}|cam(?:era)?\d*|[lr\d])"),
+    re.compile(rf"(?P<mark>{_MARKS}|cam(?:era)?\d*)(?P<base>\w+)"),
 )
 _TOP_WORDS = ("matrix", *_PINHOLE, "D", "width", "height", "size", "model", "kind")
 TOP_KEYS = (*FACTS["lens_keys"], *(key for word in _TOP_WORDS for key in FACTS["words"][word]))
@@ -275,10 +276,8 @@ def _words(data: Data, at: KeyPath = (), mark: str = "") -> Iterator[tuple[str, 
     for key, value in data.items():
         name = squashed(str(key))
         is_list = isinstance(value, list) and not (value and isinstance(value[0], dict))
-        options = [("", name)]
-        if match := _MARKED.fullmatch(name):
-            options.append((match["before"] or match["after"], match["first"] or match["last"]))
-        for own, base in options:
+        marked = [match.group("mark", "base") for one in _MARKED if (match := one.fullmatch(name))]
+        for own, base in [("", name), *marked]:
             word = _WORDS.get(base)
             if word is None or (base == "m" and not own) or (word in _LISTS) != (is_list or isinstance(value, dict)):
                 continue
@@ -390,6 +389,8 @@ def _matrix(values: Mapping[str, Any], at: Mapping[str, KeyPath], part: SourceDo
         held = at[stated[0]][:-1] if len(stated) > 1 else ()
         owner = f"`{part.name(held)}`" if held or part.within else "the file"
         message = f"{owner} lacks the key `{missing}`{misspelt(missing, part.data)}"
+        if missing in part.data:
+            raise part.error("wrong-type", (missing,), f"found {describe(part.data[missing])}, expected 3 x 3 numbers")
         raise bad_input("missing-key", message, part.value_place(held) if held else part.key_place(()))
     if numbers is None or len(numbers) == 4:
         fx, fy, cx, cy = numbers or [values[word] for word in _PINHOLE]

@@ -27,6 +27,7 @@ _PAIR = re.compile(
     r"(|(?:cam|camera|base|gripper|w2c|c2w|world|target|tool|ee|flange).*)"
 )
 """Keys of the two parts of a pose: rotation and position, with what is the same in both before and behind it."""
+_OTHER_PAIR = re.compile(r"()(?:(rotation|rot|r)|(translation|trans|t))(.*)")  # such as `Rg_c` and `tg_c`
 _CARRIER = "(?:base|gripper|world|tool|ee|flange|hand|robot|link)"
 _OF_CAMERA = re.compile(rf"cam(?:era)?\d*(?:in|to|2){_CARRIER}|c2w")
 _OF_FRAME = re.compile(rf"{_CARRIER}(?:to|2)cam|w2c")
@@ -80,7 +81,7 @@ def poses_in(document: SourceDocument) -> list[PoseNumbers]:
             numbers, path, name = _numbers(value), (*at, key), squashed(str(key))
             of, unit, axes = _defined(name, held)
             label = str(held["file_path"]) if isinstance(held, dict) and "file_path" in held else dotted(path)
-            match, count = _PAIR.fullmatch(name), 0 if numbers is None else len(numbers)
+            match, count = _PAIR.fullmatch(name) or _OTHER_PAIR.fullmatch(name), len(numbers or ())
             if numbers is None and len(at) < MOST_NESTED:
                 deeper.append((path, value))
             elif numbers and match and count in (3, 4, 9):
