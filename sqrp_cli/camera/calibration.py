@@ -103,7 +103,7 @@ def _chosen(document: SourceDocument, wanted: CalibrationFile, asked: str) -> tu
         own = [str(camera[key]) for key in (_OWN_NAMES if listed else ()) if isinstance(camera.get(key), str | int)]
         short = one.mark or next(iter(own), str(one.at[-1]) if one.at else "")
         name = ".".join(map(str, (*one.at, one.mark))) if short in names else short
-        if name or len(found) > 1:
+        if name or one.at or len(found) > 1:
             names[name or "main"] = one
     if wanted.camera is not None and wanted.camera not in names:
         held = f"the file has {', '.join(f'`{one}`' for one in names)}" if names else "the file has one camera, unnamed"
