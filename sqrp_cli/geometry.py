@@ -194,6 +194,20 @@ def side_pose(size: tuple[float, float, float], side: str) -> Array:
     return pose(np.stack([x, cross(-outward, x), -outward], axis=1), 0.5 * np.asarray(size) * outward)
 
 
+def grasp_pose(
+    size: tuple[float, float, float], side: str, yaw: float, depth: float, beside: float | None = None
+) -> Array:
+    """The pose X_OT of a tool frame that grasps a box of full extents `size` [m] by a side, shape (4, 4).
+
+    It is `side_pose`, turned by yaw about its z axis [rad] and moved by depth along it [m]. beside: the gap [m] to the
+    jaw that stands still, on whose face the frame then lies: the box is as far along its y axis.
+    """
+    X_OT = side_pose(size, side) @ pose(axis_rotation(2, yaw), (0.0, 0.0, depth))
+    if beside is None:
+        return X_OT
+    return X_OT @ pose(position=(0.0, -0.5 * float(np.abs(X_OT[:3, 1]) @ np.asarray(size)) - beside, 0.0))
+
+
 def box_corners(size: ArrayLike) -> Array:
     """The 8 corners [m] of a box of full extents `size` (..., 3) in its own frame, shape (..., 8, 3)."""
     return 0.5 * np.asarray(size, dtype=float)[..., None, :] * BOX_SIGNS

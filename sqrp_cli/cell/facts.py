@@ -171,7 +171,8 @@ def with_held_by_facts(
                 skill.defaults[one.parameter] if isinstance(one, Reference) else one
                 for one in (grasp.side, grasp.yaw, grasp.depth)
             )
-            held = Held(held=cast("BoxSide", side_of(side)), yaw=number_of(yaw), depth=number_of(depth))
+            beside = None if grasp.beside is None else 0.0
+            held = Held(held=cast("BoxSide", side_of(side)), yaw=number_of(yaw), depth=number_of(depth), beside=beside)
             grips.append((fact, skill, held))
     if not grips:
         return objects, []

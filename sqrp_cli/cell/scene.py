@@ -30,7 +30,7 @@ from sqrp_cli.files.entries import (
 )
 from sqrp_cli.files.source import describe
 from sqrp_cli.files.units import SMALLEST_SIZE
-from sqrp_cli.geometry import Array, axis_rotation, check_finite, check_poses, inverse, pose, read_only, side_pose
+from sqrp_cli.geometry import Array, check_finite, check_poses, grasp_pose, inverse, pose, read_only
 from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Sphere
 
@@ -69,11 +69,12 @@ class Held(FileRecord):
     """Turn of the tool about its z axis."""
     depth: Distance = 0.0
     """How far the tool frame goes into the object, between fingers."""
+    beside: Distance | None = None
+    """The gap to a jaw that stands still, on whose face the tool frame lies; if left out, it is in the middle."""
 
     def X_TO(self, size: tuple[float, float, float]) -> Array:
         """The pose in the tool frame of an object of a size [m], shape (4, 4), as in `skill.GraspWaypoint`."""
-        X_OT = side_pose(size, self.held) @ pose(axis_rotation(2, self.yaw), (0.0, 0.0, self.depth))
-        return read_only(inverse(X_OT))
+        return read_only(inverse(grasp_pose(size, self.held, self.yaw, self.depth, self.beside)))
 
 
 _StatedPose = Annotated[

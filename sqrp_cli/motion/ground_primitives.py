@@ -10,7 +10,7 @@ import numpy as np
 
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.geometry import Array, inverse
+from sqrp_cli.geometry import Array, inverse, pose
 from sqrp_cli.motion.collision import CollisionScene, NamePairs, pair
 from sqrp_cli.motion.fingers import closed_on, move_fingers, opened_to
 from sqrp_cli.motion.tool_path import SHORTEST_LINE, ToolCurve, arc_through, helix_about, tool_line
@@ -24,6 +24,7 @@ from sqrp_cli.skill.skill import (
     ArcMove,
     FingerMove,
     Grasp,
+    GraspWaypoint,
     HelixMove,
     JointMove,
     PrimitiveAction,
@@ -196,6 +197,9 @@ def _after(
             if grasped not in world.X_WO:
                 return Infeasible((f"it is not known where `{grasped}` is",))
             X_TO = inverse(X_WT) @ world.X_WO[grasped]
+            for one in waypoints.waypoints.values():  # what closes pushes it to the jaw that stands still
+                if isinstance(one, GraspWaypoint) and one.object == parameter and one.beside is not None:
+                    X_TO = pose(position=(0.0, -waypoints.number(one.beside), 0.0)) @ X_TO
             fingers = closed_on(scene, grasped, X_TO, positions_of(model.fingers.joints, world.joints))
             world = replace(world, held=grasped, X_TO=X_TO)
         case Release(width=width):

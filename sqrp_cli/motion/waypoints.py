@@ -9,7 +9,7 @@ import numpy as np
 
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.files.frames import TOOL, WORLD
-from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, side_pose
+from sqrp_cli.geometry import Array, axis_rotation, grasp_pose, inverse, pose
 from sqrp_cli.records import dataclass
 from sqrp_cli.skill import skill
 from sqrp_cli.skill.settings import MotionValue, Reference, Setting, number_of, side_of
@@ -42,7 +42,7 @@ class WaypointGrounder:
     def pose(self, name: str) -> Array:
         """The pose X_WT of the tool frame at a waypoint, shape (4, 4). Raises UnknownPlaceError.
 
-        - grasp: X_WO @ `side_pose`, turned by yaw about the tool's z axis and moved by depth along it;
+        - grasp: X_WO @ `grasp_pose`;
         - put: the held object as `put_pose` says;
         - retreat: the other pose, moved by -distance along its own z axis;
         - raise: the other pose, moved by distance along the world's z axis;
@@ -56,10 +56,10 @@ class WaypointGrounder:
             return self._found[name]
         number = self.number
         match self.waypoints[name]:
-            case skill.GraspWaypoint(object=parameter, side=side, yaw=yaw, depth=depth):
-                X_WO = self.placed(parameter)
-                X_OS = side_pose(self.objects[self.binding[parameter]].size, side_of(setting_value(side, self.values)))
-                X_WT = X_WO @ X_OS @ pose(axis_rotation(2, number(yaw)), (0, 0, number(depth)))
+            case skill.GraspWaypoint(object=parameter) as grasp:
+                X_WO, beside = self.placed(parameter), None if grasp.beside is None else number(grasp.beside)
+                size, side = self.objects[self.binding[parameter]].size, side_of(setting_value(grasp.side, self.values))
+                X_WT = X_WO @ grasp_pose(size, side, number(grasp.yaw), number(grasp.depth), beside)
             case skill.PutWaypoint(object=parameter, on=surface) as put:
                 X_TO, X_WB = self._held(parameter), self.placed(surface)
                 size, below = (self.objects[self.binding[name]].size for name in (parameter, surface))

@@ -242,7 +242,7 @@ class RobotModel(JointLimits[Array]):
             home=read_only([robot.home.get(tree.joints[index].name, tree.joints[index].rest) for index in arm]),
             fingers=fingers,
             tool_links=of_tool,
-            hand_links=of_tool | fingers.links,
+            hand_links=of_tool | fingers.links | {tree.joints[index].parent for index in driving},
             still_links=frozenset(link for link in tree.mounts if not moves[tree.chain(link)].any()),
             tool_frame=robot.tool_frame,
             parts=robot.parts,

@@ -24,8 +24,10 @@ _SIDES = 24
 They are inscribed, and half as many as those that sight is computed with: outlines are drawn anew for every image, and
 that of a part 4 cm wide and 0.5 m away is within a quarter of a pixel for a focal length of 600 pixels.
 """
-_MANY, _DETAIL = 20_000, 64
-"""Triangles above which a mesh is coarsened, and cells along its longest side in which vertices then become one."""
+MANY, MANY_OF_A_LINK = 20_000, 2_000
+"""Triangles above which the mesh of an object and of a link is coarsened: a link's mask is drawn a pixel wider."""
+_DETAIL, CELL = 64, 0.002
+"""Cells along the longest side of a mesh in which vertices then become one, and their largest size in a link [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,14 +50,15 @@ class Surface:
         corners = surface(part.shape, _SIDES, enclosing=False).vertices
         return cls(part.parent, transform(part.X_PG, corners), None)
 
-    def coarsened(self) -> Surface:
-        """The same with at most some ten thousand triangles, so that its silhouette is quickly drawn in every image.
+    def coarsened(self, many: int = MANY, largest: float = np.inf) -> Surface:
+        """The same with some thousand triangles if it has many, so that it is quickly drawn in every image.
 
-        Vertices of a finer mesh that are close to each other become one: it moves by up to 1 / `_DETAIL` of its size.
+        Vertices of a finer mesh that are close to each other become one: it moves by up to 1 / `_DETAIL` of its size,
+        and by no more than `largest` [m].
         """
-        if self.triangles is None or len(self.triangles) <= _MANY:
+        if self.triangles is None or len(self.triangles) <= many:
             return self
-        cell = np.ptp(self.vertices, axis=0).max() / _DETAIL
+        cell = min(np.ptp(self.vertices, axis=0).max() / _DETAIL, largest)
         cells = np.floor(self.vertices / cell).astype(np.int64)
         _, first, merged = np.unique(cells, axis=0, return_index=True, return_inverse=True)
         a, b, c = np.unique(np.sort(merged.reshape(-1)[self.triangles], axis=1), axis=0).T

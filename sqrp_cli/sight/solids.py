@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache, cached_property
@@ -34,6 +35,8 @@ _CLOSED = 1e-3
 
 _made: WeakValueDictionary[object, kernel.Solid] = WeakValueDictionary()
 """Solids of the kernel still in use."""
+_latest = deque[kernel.Solid](maxlen=500)
+"""Those that were made last: a cell that is read again needs them again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +82,7 @@ class Solid:
         if (made := _made.get(key)) is None:
             made = kernel.Solid(self.vertices, self.triangles, form, self.part.X_PG, half, (*self.center, self.radius))
             _made[key] = made
+            _latest.append(made)
         return made
 
     @property

@@ -70,6 +70,9 @@ class GraspWaypoint(Entry):
     -x). any: each at which the object looks the same to the tool."""
     depth: settings.Distance = 0.0
     """How far the tool frame goes into the object, between fingers."""
+    beside: settings.Distance | None = None
+    """The gap to a jaw that stands still, on whose face the tool frame lies; `grasp` pushes the object over it. If left
+    out, the frame is in the middle of the object."""
 
 
 class PutWaypoint(Entry):

@@ -17,7 +17,6 @@ MOST_DRIVEN = 2  # driven joints of a gripper; a hand with more has no single wa
 TIPS = 0.02  # length of the ends of fingers between which an object is gripped [m]
 LEAST_GAP = 0.01  # least clear width of open fingers [m]
 JAW_GAP = 0.015  # by how much a single jaw opens wider than the object [m]
-JAW_SIDE = 0.003  # gap between the object and the jaw that stands still [m]
 OPENINGS = 41  # positions between closed and open that are tried
 
 
@@ -31,6 +30,8 @@ class Grip:
     X_RT: Array
     """The frame that grasps in the link that carries the fingers: between their tips, z out, y along which they close;
     shape (4, 4)."""
+    single: bool = False
+    """Whether one jaw stands still: the frame lies on its face, y to the other one."""
 
 
 def driven_joints(joints: Collection[UrdfJoint], carried: Collection[str]) -> list[UrdfJoint]:
@@ -47,7 +48,7 @@ def find_grip(cell: Cell, root: str, carried: Collection[str], out: Array, size:
     carries them, and every link on it. out: unit vector in `root` along which they point, shape (3,).
 
     Which ends are open is told by the shapes: there the tips are furthest apart. Where only one jaw moves, it opens as
-    far as the object needs, and the frame lies so that the jaw that stands still is beside the object.
+    far as the object needs.
     """
     model, driven = cell.model, cell.model.fingers
     solids = load_solids([part for part in model.parts if part.parent in carried])
@@ -80,7 +81,7 @@ def find_grip(cell: Cell, root: str, carried: Collection[str], out: Array, size:
             tips = [float((side @ out).max()) for side in sides]
             one, other = (side[side @ out > min(tips) - TIPS] for side in sides)
             low, high = float((one @ y).max()), float((other @ y).min())
-            across = low + JAW_SIDE + 0.5 * size if single else 0.5 * (low + high)
+            across = low if single else 0.5 * (low + high)
             middle = max((one @ x).min(), (other @ x).min()) + min((one @ x).max(), (other @ x).max())
             found[k] = high - low, 0.5 * middle, across, max(tips)
         wide = np.flatnonzero(found[:, 0] >= size + JAW_GAP)
@@ -91,7 +92,7 @@ def find_grip(cell: Cell, root: str, carried: Collection[str], out: Array, size:
             furthest = found[: at + 1][found[: at + 1, 0] >= min(size, width), 3].max()
             X_RT = pose(np.column_stack([x, y, out]), found[at, 1] * x + found[at, 2] * y + furthest * out)
             opened, closed = (dict(zip(driven.joints, row.tolist(), strict=True)) for row in (q[at], q[0]))
-            best = Grip(opened, closed, width, X_RT)
+            best = Grip(opened, closed, width, X_RT, single)
     return best
 
 

@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import permutations
@@ -44,7 +44,11 @@ COMMON_PART = 0.03  # width of parts that a hand with one moving jaw is opened f
 HOMES = ("home", "ready", "default", "start")
 """Words in the names of states from which work begins, the likeliest first."""
 
+BESIDE = "beside: 3 mm"  # of the jaw that stands still, until the other one pushes the part to it
+
 LIFT = 0.1  # how far the skill lifts a cube [m]
+SMALL, CLOSER = 0.5, {"lift: 10 cm": "lift: 5 cm", "retreat: 6 cm": "retreat: 4 cm"}
+"""Reach of arms that lift and approach less [m], and what their skill states instead."""
 
 _MEND_GRIPPER = "leave `--gripper` out, then state it as `robot.tool`, with `boxes` or its `urdf`, and `robot.fingers`"
 
@@ -190,6 +194,8 @@ def _with_hand(layout: Layout, description: Description, arm: ArmGuess, bare: Ce
         layout = replace(layout, grip=Grip(lower, upper, SMALLEST_CUBE, np.eye(4)), slides=frozenset(slides))
         grip = find_grip(_load(layout), root, carried, out, size)
         if grip is not None:
+            if grip.single:
+                _restate(layout, {"depth: $depth}": f"depth: $depth, {BESIDE}}}"})
             return replace(layout, grip=grip)
     if gripper is not None:
         message = f"`{gripper.name}` has no fingers that SQRP understands: one or two joints that close on something"
@@ -214,6 +220,8 @@ def _tried(
         if len(upside := search.places_pointing_down(other.model)):
             layout, seated, down = turned, other, upside
     size = _cube_size(reach, layout.grip)
+    if reach < SMALL:
+        _restate(layout, CLOSER)
     tried: list[tuple[Layout, str]] = []
     for there in search.stands(replace(layout, cube_size=size), seated, bare, reach, down):
         cell = _load(there)
@@ -235,7 +243,8 @@ def _tried(
             there = replace(home, cubes=cubes, views=search.views_of(cell, home, cubes, LIFT) if cubes else {})
         tried.append((there, reason))
         advance(1)
-        if len(there.cubes) == len(search.COLORS):
+        most = max(len(one.cubes) for one, _ in tried)
+        if most == len(search.COLORS) or len(there.cubes) < most and most > 1:  # what comes next is hardly better
             break
     return tried
 
@@ -267,6 +276,15 @@ def _told_apart(layout: Layout) -> Layout:
         default=(),
     )
     return replace(layout, cubes=search.painted(layout.cubes, colors))
+
+
+def _restate(layout: Layout, said: Mapping[str, str]) -> None:
+    """Say something else in the skills of a layout: texts by those that they replace."""
+    for file in (layout.folder / SKILL).glob("**/skill.yaml"):
+        text = file.read_text(encoding="utf-8")
+        for old, new in said.items():
+            text = text.replace(old, new)
+        file.write_text(text, encoding="utf-8")
 
 
 def _load(layout: Layout) -> Cell:

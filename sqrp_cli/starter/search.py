@@ -11,15 +11,16 @@ import numpy as np
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, axis_rotation, cross, inverse, pose, transform
 from sqrp_cli.motion.cell import Cell
+from sqrp_cli.motion.waypoints import WaypointGrounder
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.reach import Unreachable, descend, halton, spread_starts
 from sqrp_cli.sight.solids import load_solids
-from sqrp_cli.starter.arm_guess import LEAST_SWING, ArmGuess
+from sqrp_cli.starter.arm_guess import AXES_OF_A_POSE, LEAST_SWING, ArmGuess
 from sqrp_cli.starter.layout import TASK, Cube, Layout, Point
 from sqrp_cli.task.feasibility import feasible_motion
 from sqrp_cli.task.grips import grips
-from sqrp_cli.task.task import read_task
+from sqrp_cli.task.task import Candidate, read_task
 
 LIFTS = (0.0, 0.15, 0.3, 0.45)
 """Heights of the root above the table to try, as shares of the reach: small arms need a pedestal to point down."""
@@ -57,6 +58,8 @@ CUBE_SHARES = (0.5, 0.62, 0.4, 0.72, 0.3)  # distances of cubes from the base, a
 
 CUBE_TURNS = tuple(turn * pi / 180 for turn in (0, -25, 25, -50, 50))
 """Directions of cubes relative to that of the work [rad]."""
+
+TURNED_IN_VAIN = 3  # cubes that are tried with the tool turned where none can be picked up without
 
 COLORS = ("green", "green", "green", "red")  # colours of the cubes, in the order in which they are placed
 VIEW_HEIGHT = 35 * pi / 180  # elevation of the cameras above what they look at [rad]
@@ -278,11 +281,13 @@ def cubes_in_reach(cell: Cell, trial: Sequence[Cube]) -> tuple[Sequence[Cube], s
     found: list[Cube] = []
     first = ""
     for turns in (slice(0, 1), slice(1, None)):
-        for cube, candidate in candidates:
+        for cube, candidate in candidates[: None if turns.start == 0 or found else TURNED_IN_VAIN]:
             if cube in found or len(found) == len(COLORS):
                 continue
             why = "there is one way to grip it"
             for grip in grips(cell, candidate, cell.initial_world)[turns]:
+                if first and not _may_reach(cell, grip):
+                    continue
                 motion = feasible_motion(cell, grip, cell.initial_world)
                 if not isinstance(motion, Infeasible):
                     found.append(cube)
@@ -292,6 +297,20 @@ def cubes_in_reach(cell: Cell, trial: Sequence[Cube]) -> tuple[Sequence[Cube], s
                 x, y = (value + 0.0 for value in cube.position[:2])  # no -0.00
                 first = first or f"a cube at x {x:.2f} m, y {y:.2f} m: {why}"
     return painted(found, COLORS), first
+
+
+def _may_reach(cell: Cell, grip: Candidate) -> bool:
+    """Whether an arm of few axes may bring the tool to every waypoint of a grip: quicker than to say why it cannot."""
+    model, world, settings = cell.model, cell.initial_world, (grip.skill.waypoints, grip.binding, grip.values)
+    if len(model.arm) >= AXES_OF_A_POSE:
+        return True
+    at_home = model.tool_pose(model.home)
+    waypoints = WaypointGrounder(*settings, cell.workspace.objects, at_home, world.X_WO, {})
+    X_WT = np.array([waypoints.pose(name) for name in grip.skill.waypoints])
+    starts = spread_starts(model, TURN_STARTS)
+    _, errors = descend(model, X_WT.repeat(len(starts), axis=0), np.tile(starts, (len(X_WT), 1)), TURN_STEPS)
+    met = np.abs(errors).max(axis=1).reshape(len(X_WT), -1) < MET + model.angle_tolerance
+    return bool(met.any(axis=1).all())
 
 
 def painted(cubes: Sequence[Cube], colors: Sequence[str]) -> list[Cube]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.cell.scene import SceneObject
-from sqrp_cli.geometry import axis_rotation, inverse, pose, side_pose
+from sqrp_cli.geometry import axis_rotation, box_corners, grasp_pose, inverse, pose, side_pose, transform
 from sqrp_cli.motion.waypoints import UnknownPlaceError, WaypointGrounder, put_pose
 from tests.motion.cells import read_waypoints
 
@@ -62,6 +62,15 @@ def test_the_tool_stands_in_the_centre_of_the_side_and_points_into_the_box(axis,
 
 def test_yaw_turns_the_tool_about_its_own_axis():
     np.testing.assert_allclose(ground("grasp", 0.5), ground("grasp") @ pose(axis_rotation(2, 0.5)), atol=1e-15)
+
+
+@pytest.mark.parametrize("side", ["+z", "-x", "+y"])
+@pytest.mark.parametrize("yaw", [0.0, 0.5, -np.pi / 2])
+def test_a_jaw_that_stands_still_is_beside_the_box_whatever_its_width(side, yaw):
+    X_OT, centred = grasp_pose(SIZE, side, yaw, 0.01, 0.002), grasp_pose(SIZE, side, yaw, 0.01)
+    corners = transform(inverse(X_OT), box_corners(SIZE))
+    assert corners[:, 1].min() == pytest.approx(0.002)
+    np.testing.assert_allclose((inverse(centred) @ X_OT)[[0, 2], 3], 0.0, atol=1e-15)  # moved across it alone
 
 
 def test_retreat_goes_back_along_the_tool_and_raise_goes_up_in_the_world():

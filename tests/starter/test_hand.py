@@ -20,7 +20,7 @@ from sqrp_cli.starter.make import make_starter
 
 HANDS = {"panda": (None, 80e-3, 40e-3), "ur5e": ("robotiq_2f_85", 85e-3, 42.5e-3), "so101": (None, 0.0479, 0.018)}
 """A gripper for the arm; clear width [m], by the data sheets of the first two; from the frame to the nearer finger. Of
-so101 only one jaw moves: the other one is 3 mm beside a cube of 30 mm."""
+so101 only one jaw moves, and the frame is on the face of the other one: there it is measured from 18 mm beside."""
 
 
 @pytest.fixture(scope="module", params=HANDS)
@@ -51,7 +51,8 @@ def hits(cell: Cell, way: Array, start: Array) -> Array:
 
 def test_the_frame_lies_between_the_tips_and_the_stated_width_is_free_there(cell: Cell) -> None:
     x, z = np.meshgrid([-3e-3, 0.0, 3e-3], np.linspace(-18e-3, -1e-3, 18))
-    start = np.column_stack([x.ravel(), np.zeros(x.size), z.ravel()])
+    beside = 0.018 if cell.workspace.name == "so101" else 0.0
+    start = np.column_stack([x.ravel(), np.full(x.size, beside), z.ravel()])
     left, right = hits(cell, np.array([0.0, -1.0, 0.0]), start), hits(cell, np.array([0.0, 1.0, 0.0]), start)
     gaps = np.array([np.min(side[np.isfinite(side)]) for side in (left, right)])
     gripper, width, nearer = HANDS[cell.workspace.name]

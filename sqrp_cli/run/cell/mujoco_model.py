@@ -5,8 +5,9 @@ MuJoCo is imported here, once it is certain that it can be; other modules have i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -64,6 +65,8 @@ _STIFF = (2 * TIME_STEP, 1.0)
 """Time constant [s] and damping ratio of constraints that give way as little as the time step allows."""
 _HARD = (0.99, 0.999, 1e-4)
 """Shares of a constraint's violation that are undone, without and with a violation of that width [m]."""
+_SLICE, _CORNERS = 0.01, 64
+"""Width of the slices of a mesh of a hand of which each collides as its hull [m], and corners of that at most."""
 _LIGHTEST = 1e-3
 """Least mass of a moving link [kg]."""
 
@@ -157,20 +160,29 @@ def _add_urdf(spec: mujoco.MjSpec, urdf: UrdfModel, robot: Robot, parent: mujoco
         except InputError as error:  # where it is not the geometry that is solid, nobody left these out
             if error.problems[0].code != "mesh-empty":
                 raise
+    driven = robot.fingers.open if robot.fingers else ()
+    driving = [one for one in urdf.joints.values() if one.name in driven or (one.mimic and one.mimic.joint in driven)]
+    hand = {link for joint in driving for link in (joint.parent, *urdf.beyond(joint.child))}
     for part in urdf.parts("collision", resolve):
         inertial = urdf.links[part.parent].inertial
         density = DENSITY if inertial is None or inertial.mass <= 0.0 else 0.0
-        _add_part(spec, bodies[part.parent], part, _ROBOT_COLOR, (_ROBOT, density))
+        for piece in _slices(part.shape) if part.parent in hand and isinstance(part.shape, Mesh) else (None,):
+            _add_part(spec, bodies[part.parent], part, _ROBOT_COLOR, (_ROBOT, density), piece)
     for name, body in bodies.items():
         _set_inertia(body, urdf.links[name])
 
 
 def _add_part(
-    spec: mujoco.MjSpec, body: mujoco.MjsBody, part: Part, color: Rgb, felt: tuple[int, float] | None = None
+    spec: mujoco.MjSpec,
+    body: mujoco.MjsBody,
+    part: Part,
+    color: Rgb,
+    felt: tuple[int, float] | None = None,
+    piece: Array | None = None,
 ) -> None:
     """Add a part of a link or an object, to be drawn; or to be felt, by what it touches and its density [kg/m^3].
 
-    Every mesh file is one asset for each.
+    Every mesh file is one asset for each. piece: corners of a slice of it, (n, 3), which stands for the mesh.
     """
     touches, density = felt or (0, 0.0)
     group = DRAWN if felt is None else FELT
@@ -187,16 +199,38 @@ def _add_part(
         case Capsule(radius, length):
             geom.type, geom.size[:2] = kinds.mjGEOM_CAPSULE, (radius, length / 2)
         case Mesh():
-            geom.type, geom.meshname = kinds.mjGEOM_MESH, f"{mesh.path} {mesh.scale} {group}"
-            if spec.mesh(geom.meshname) is None and triangles is not None:
-                asset = spec.add_mesh(name=geom.meshname)
-                asset.uservert, asset.userface = triangles.vertices.ravel(), triangles.faces.ravel()
+            name = f"{mesh.path} {mesh.scale} {group}" + ("" if piece is None else f" {hash(piece.tobytes())}")
+            geom.type, geom.meshname = kinds.mjGEOM_MESH, name
+            if spec.mesh(name) is None and triangles is not None:
+                asset = spec.add_mesh(name=name)
+                if piece is None:
+                    asset.uservert, asset.userface = triangles.vertices.ravel(), triangles.faces.ravel()
+                else:
+                    asset.uservert, asset.maxhullvert = piece.ravel(), _CORNERS
                 # A drawn mesh may be open or flat; one that collides does so as its convex hull.
                 asset.inertia = inertias.mjMESH_INERTIA_SHELL if group == DRAWN else inertias.mjMESH_INERTIA_CONVEX
     geom.group, geom.density = group, density
     geom.friction[:], geom.condim = FRICTION, 4
     geom.solref[:], geom.solimp[:3] = _STIFF, _HARD
     geom.contype, geom.conaffinity = (touches, _TOUCHES[touches]) if touches else (0, 0)
+
+
+def _slices(mesh: Mesh) -> Iterator[Array]:
+    """Corners of slices of a mesh across its longest side, (n, 3) each: their hulls leave its hollows open."""
+    read = read_mesh(mesh.path, mesh.scale)
+    corners = read.vertices[read.faces]
+    start, way = corners.reshape(-1, 3), (np.roll(corners, -1, axis=1) - corners).reshape(-1, 3)
+    axis = int(np.ptp(start, axis=0).argmax())
+    low, high = start[:, axis].min(), start[:, axis].max()
+    levels = np.linspace(low, high, 1 + int(np.ceil((high - low) / _SLICE)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = (levels[:, None] - start[:, axis]) / way[:, axis]
+        cuts = [(start + share[:, None] * way)[(share >= 0.0) & (share <= 1.0)] for share in shares]
+    for k, (bottom, top) in enumerate(pairwise(levels)):
+        inside = start[(start[:, axis] >= bottom) & (start[:, axis] <= top)]
+        points = np.unique(np.concatenate([cuts[k], inside, cuts[k + 1]]).round(6), axis=0)
+        if np.linalg.matrix_rank(points - points.mean(axis=0), tol=1e-3) == 3:
+            yield points
 
 
 def _add_marker(spec: mujoco.MjSpec, body: mujoco.MjsBody, marker: Marker, X_BF: Array) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import field
+from dataclasses import field, replace
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -23,7 +23,7 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.robot import Marker
-from sqrp_cli.run.robot_body import RobotBody, Surface
+from sqrp_cli.run.robot_body import CELL, MANY_OF_A_LINK, RobotBody, Surface
 
 MissReason: TypeAlias = Literal["mask border", "same colour behind", "lighting", "detector limit"]
 """Why an image does not show what it was predicted to show.
@@ -61,6 +61,7 @@ class CellModel:
                     raise bad_input("broken-detector", str(error), place) from error
         objects = workspace.objects
         surfaces = {name: tuple(Surface.of(part).coarsened() for part in obj.parts) for name, obj in objects.items()}
+        robot = replace(robot, surfaces=tuple(one.coarsened(MANY_OF_A_LINK, CELL) for one in robot.surfaces))
         shadows = any(not light.is_ambient for light in workspace.lights.values())
         return cls(workspace.cameras, workspace.detectors, objects, surfaces, robot, workspace.robot.markers, shadows)
 
