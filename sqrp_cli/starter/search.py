@@ -179,6 +179,9 @@ def find_home(cell: Cell, reach: float, layout: Layout, down: Array) -> Layout |
     """
     model, tried, first = cell.model, 0, ""
     for X_WT, direction in _homes(model, reach, layout.directions, pose(position=(0.0, 0.0, layout.lift)) @ down):
+        if first and not _may_reach(model, X_WT[None]):
+            tried += 1
+            continue
         found = all_solutions(model, X_WT)
         q = np.empty((0, len(model.arm))) if isinstance(found, Unreachable) else found
         q = np.where(model.turns, np.radians(np.round(np.degrees(q))), np.round(q, 3))
@@ -262,7 +265,7 @@ def cube_places(model: RobotModel, reach: float, layout: Layout, down: Array | N
             chosen.append(place)
             x, y = place.tolist()
             turn, above = 0.0, pose(position=(0.0, 0.0, 0.5 * size)) @ X_WT
-            if len(model.arm) < FREE_TURN and isinstance(all_solutions(model, above), Unreachable):
+            if len(model.arm) < FREE_TURN and not _may_reach(model, above[None]):
                 R = as_arm_turns(model, above)[:3, :3] @ X_WT[:3, :3].T
                 turn = float(np.arctan2(R[1, 0], R[0, 0]))
             yield Cube(f"c{len(chosen)}", "green", (x, y, 0.5 * size), turn)
@@ -286,7 +289,7 @@ def cubes_in_reach(cell: Cell, trial: Sequence[Cube]) -> tuple[Sequence[Cube], s
                 continue
             why = "there is one way to grip it"
             for grip in grips(cell, candidate, cell.initial_world)[turns]:
-                if first and not _may_reach(cell, grip):
+                if first and not _may_reach(cell.model, _waypoints(cell, grip)):
                     continue
                 motion = feasible_motion(cell, grip, cell.initial_world)
                 if not isinstance(motion, Infeasible):
@@ -299,15 +302,18 @@ def cubes_in_reach(cell: Cell, trial: Sequence[Cube]) -> tuple[Sequence[Cube], s
     return painted(found, COLORS), first
 
 
-def _may_reach(cell: Cell, grip: Candidate) -> bool:
-    """Whether an arm of few axes may bring the tool to every waypoint of a grip: quicker than to say why it cannot."""
-    model, world, settings = cell.model, cell.initial_world, (grip.skill.waypoints, grip.binding, grip.values)
+def _waypoints(cell: Cell, grip: Candidate) -> Array:
+    """Poses of the tool frame at all waypoints of a grip, (k, 4, 4)."""
+    settings, at_home = (grip.skill.waypoints, grip.binding, grip.values), cell.model.tool_pose(cell.model.home)
+    grounder = WaypointGrounder(*settings, cell.workspace.objects, at_home, cell.initial_world.X_WO, {})
+    return np.array([grounder.pose(name) for name in grip.skill.waypoints])
+
+
+def _may_reach(model: RobotModel, X_WT: Array) -> bool:
+    """Whether an arm of few axes may bring the tool to poses, (k, 4, 4): quicker than to say why it cannot."""
     if len(model.arm) >= AXES_OF_A_POSE:
         return True
-    at_home = model.tool_pose(model.home)
-    waypoints = WaypointGrounder(*settings, cell.workspace.objects, at_home, world.X_WO, {})
-    X_WT = np.array([waypoints.pose(name) for name in grip.skill.waypoints])
-    starts = spread_starts(model, TURN_STARTS)
+    starts = spread_starts(model, TURN_STARTS // 2)
     _, errors = descend(model, X_WT.repeat(len(starts), axis=0), np.tile(starts, (len(X_WT), 1)), TURN_STEPS)
     met = np.abs(errors).max(axis=1).reshape(len(X_WT), -1) < MET + model.angle_tolerance
     return bool(met.any(axis=1).all())
