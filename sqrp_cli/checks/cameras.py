@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from math import atan, degrees, hypot, inf, tan
 
@@ -165,6 +166,17 @@ def detectors_out_of_range(workspace: Workspace) -> Iterator[Problem]:
             yield warning("detector-out-of-range", message, workspace, f"detectors.{name}.distance", mend)
 
 
+def guessed_cameras(workspace: Workspace) -> Iterator[Problem]:
+    """Cameras whose line in the file says that `init` guessed them, beside others."""
+    text = workspace.whole_file.file.read_text(encoding="utf-8", errors="replace")
+    guessed = [name for name in workspace.cameras if re.search(rf"^ *{re.escape(name)}: *# check:", text, re.MULTILINE)]
+    if 0 < len(guessed) < len(workspace.cameras):
+        names = " and ".join(f"`{name}`" for name in guessed)
+        message = f"all answers also rest on {names}, which `init` guessed"
+        mend = "delete those that you do not have, and `check:` behind those that you have"
+        yield warning("guessed-camera", message, workspace, f"cameras.{guessed[0]}", mend)
+
+
 def slow_cameras(workspace: Workspace) -> Iterator[Problem]:
     """Latencies that are not stated, and tasks that demand a shorter detection delay than any camera can meet."""
     silent = [camera.name for camera in workspace.cameras.values() if camera.latency is None]
@@ -287,5 +299,5 @@ def points_of(objects: Sequence[SceneObject]) -> Array:
     return np.concatenate([np.empty((0, 3)), *boxes])
 
 
-CHECKS = (slow_cameras, detectors_out_of_range, doubtful_images, implausible_lenses, blind_cameras)
+CHECKS = (guessed_cameras, slow_cameras, detectors_out_of_range, doubtful_images, implausible_lenses, blind_cameras)
 """What `lint` calls of this module."""
