@@ -39,6 +39,9 @@ _EXPECTED = {
 """By Pydantic's kind of error, or how it begins."""
 
 
+EXAMPLES = {"rate": "30 Hz", "type": "part"}  # of keys that are often left out
+
+
 def validate(document: SourceDocument, model: type[Model]) -> Model:
     """The document as an instance of `model`.
 
@@ -78,7 +81,8 @@ def _problems(document: SourceDocument, details: ErrorDetails) -> list[Problem]:
         ]  # fmt: skip
     if kind == "missing":
         owner = f"`{document.name(path)}`" if path else "the file"
-        lack = f"the key `{absent}`" if absent else f"entry {details['loc'][-1]} (the first is 0)"
+        example = f", such as `{absent}: {EXAMPLES[absent]}`" if absent in EXAMPLES else ""
+        lack = f"the key `{absent}`{example}" if absent else f"entry {details['loc'][-1]} (the first is 0)"
         return [Problem("missing-key", f"{owner} lacks {lack}{misspelt(absent, given)}", document.key_place(path))]
     code, message = kind.replace("_", "-"), details["msg"].removeprefix("Value error, ")
     if kind == "no-mapping":

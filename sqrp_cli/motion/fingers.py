@@ -12,6 +12,7 @@ from sqrp_cli.sight.solids import distance
 from sqrp_cli.trajectory import Trajectory
 
 CLOSING_STEP = 0.25e-3  # motion of the fingers [m] between checks whether they touch the object
+WIDER = 0.01  # by how much fingers have to open further than an object is wide [m]
 TOUCH = 1e-6  # tolerance of the contact position, as motion of the fingers [m]
 
 
@@ -40,8 +41,13 @@ def closed_on(scene: CollisionScene, name: str, X_TO: Array, start: Array) -> Ar
         if model.fingers.width is None:
             return f"`{name}` does not fit between the open fingers"
         across = np.concatenate([transform(X_TO, solid.vertices)[:, 1] for solid in scene.object_solids[name]])
-        open_by = f"the fingers open to {1000 * model.fingers.width:.3g} mm"
-        return f"`{name}` does not fit between the fingers: it is {1000 * np.ptp(across):.3g} mm across, {open_by}"
+        hand, wide, said = model.fingers, float(np.ptp(across)), f"`{name}` does not fit between the fingers: "
+        said += f"it is {1000 * wide:.3g} mm across, the fingers open to {1000 * (hand.width or 0.0):.3g} mm"
+        further = closed + (wide + WIDER) / (hand.width or 1.0) * (hand.open - closed)
+        if ((hand.lower <= further) & (further <= hand.upper)).all() and wide + WIDER > (hand.width or 0.0):
+            names = ", ".join(f"{joint}: {at:.2f}" for joint, at in zip(hand.joints, further, strict=True))
+            said += f"; try `open: {{{names}}}` and `width: {1000 * (wide + WIDER):.0f} mm`"
+        return said
     steps = finger_steps(model, start, closed, CLOSING_STEP)
     first = next((k for k in range(1, steps + 1) if touches(k / steps)), None)
     if first is None:

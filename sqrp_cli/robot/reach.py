@@ -13,9 +13,10 @@ from typing import Literal
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, Mask, inverse
+from sqrp_cli.geometry import Array, Mask, axis_rotation, inverse, pose
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.robot.robot import AXES_OF_A_POSE
 
 _PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29)
 
@@ -25,6 +26,9 @@ FOLLOWED = 1e-20  # square of the weighted pose error at which a start is good e
 STALLED = 1e6  # a step that reduces the square of the error by no more than one part in this is the last one
 LEAST_TURN = 1e-6  # least turn of the tool per motion of the joints that counts as one that the arm can make [rad/rad]
 NEWTON_STEPS = 8  # most steps of Newton's method; each squares the error of an isolated solution
+TURNED = "within reach only when turned"  # how `Unreachable` begins where that helps
+MET = 1e-4  # largest pose error that `may_reach` allows, in m and rad, besides the arm's tolerance of angle
+TURN_STARTS, TURN_STEPS = 64, 30  # starting points and steps of the search for how an arm turns the tool at a place
 STARTS = 64  # starting points of the search for the closest pose that can be reached
 
 STAGES = ((1.0, 12, 32), (10.0, 20, 8), (100.0, 60, 8), (1000.0, 100, 8))
@@ -218,10 +222,10 @@ def halton(count: int, dimensions: int) -> Array:
 class Unreachable:
     """Why no joint position within the limits brings the tool frame to a pose."""
 
-    why: Literal["too far", "too close", "wrong way round", "past limit"]
+    why: Literal["too far", "too close", "wrong way round", "past limit", "turned"]
     """Turned as required, the tool frame comes no closer to its place, outside the arm's reach, or in a hole of it
     behind which it can reach: most arms cannot fold tightly around their base; the tool frame cannot be turned as
-    required anywhere; or only the limit of `joint` is in the way."""
+    required anywhere; only the limit of `joint` is in the way; or an arm of few axes has the tool turned there."""
     missing: float  # what is missing: a distance [m] or an angle [rad]
     joint: str = ""
     turns: bool = True  # whether the joint turns; else it slides
@@ -234,6 +238,8 @@ class Unreachable:
         if self.why == "wrong way round":
             at_best = f"{angle:.{0 if angle >= 2 else 2}f} deg at best"
             return f"cannot be approached from that side: the tool is off by {at_best}"
+        if self.why == "turned":
+            return f"{TURNED} by {angle:.3g} deg about the vertical"
         amount = f"{round(self.missing, 3):g} m" if self.missing >= 0.01 else f"{1e3 * self.missing:.2g} mm"
         return f"joint `{self.joint}` {f'{angle:.3g} deg' if self.turns else amount} past its limit"
 
@@ -254,6 +260,11 @@ def why_unreachable(model: RobotModel, X_WT: Array, branches: Array | None = Non
         excess = limit_excess(model, closest_turns(model, branches))
         least = excess[excess.sum(axis=1).argmin()]
         return past_limit(model, least)
+    if len(model.arm) < AXES_OF_A_POSE:
+        turned = as_arm_turns(model, X_WT)
+        if may_reach(model, turned[None]):
+            R = turned[:3, :3] @ X_WT[:3, :3].T
+            return Unreachable("turned", float(np.arctan2(R[1, 0], R[0, 0])))
     # The closest pose within the joint limits.
     q = np.concatenate([model.home[None], spread_starts(model, STARTS)])
     for weight, steps, kept in STAGES:
@@ -277,6 +288,27 @@ def why_unreachable(model: RobotModel, X_WT: Array, branches: Array | None = Non
     _, errors = descend(model, targets, starts, STEPS)
     reached = np.abs(errors).max(axis=1) < max(1e-6, 2.0 * model.angle_tolerance)
     return Unreachable("too close" if reached.any() else "too far", float(distances[closest]))
+
+
+def as_arm_turns(model: RobotModel, X_WT: Array) -> Array:
+    """A pose that points down, (4, 4), turned about the vertical so that the arm comes closest to it."""
+    q = np.concatenate([model.home[None], spread_starts(model, TURN_STARTS)])
+    for weight in (0.02, 1.0, 1.0):
+        q, _ = descend(model, X_WT, q, TURN_STEPS, turn_weight=weight, kept=8)
+        turned = model.tool_poses(q[:1])[0, :3, :3] @ X_WT[:3, :3].T
+        turn = float(np.arctan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]))
+        X_WT = pose(axis_rotation(2, turn) @ X_WT[:3, :3], X_WT[:3, 3])
+    return X_WT
+
+
+def may_reach(model: RobotModel, X_WT: Array) -> bool:
+    """Whether an arm of few axes may bring the tool to poses, (k, 4, 4): quicker than to say why it cannot."""
+    if len(model.arm) >= AXES_OF_A_POSE:
+        return True
+    starts = spread_starts(model, TURN_STARTS // 2)
+    _, errors = descend(model, X_WT.repeat(len(starts), axis=0), np.tile(starts, (len(X_WT), 1)), TURN_STEPS)
+    met = np.abs(errors).max(axis=1).reshape(len(X_WT), -1) < MET + model.angle_tolerance
+    return bool(met.any(axis=1).all())
 
 
 def closest_turns(model: RobotModel, q: Array) -> Array:

@@ -18,7 +18,7 @@ import numpy as np
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace_file import WORKSPACE_FILE
 from sqrp_cli.checks.lint import lint
-from sqrp_cli.errors import Infeasible, InputError, Place, Problem, bad_input
+from sqrp_cli.errors import Infeasible, InputError, Place, Problem, bad_input, bad_option
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.files import naming, no_folder
 from sqrp_cli.starter import search
@@ -39,7 +39,7 @@ SKILL = "skills/pickup"
 
 LARGEST_CUBE, SMALLEST_CUBE = 0.05, 0.02  # side of a cube [m]; between these a twentieth of the arm's reach
 
-COMMON_PART = 0.03  # width of parts that a hand with one moving jaw is opened for, at least [m]
+COMMON_PART = 0.05  # width of parts that a hand with one moving jaw is opened for, at least [m]
 
 HOMES = ("home", "ready", "default", "start")
 """Words in the names of states from which work begins, the likeliest first."""
@@ -180,6 +180,11 @@ def _with_hand(layout: Layout, description: Description, arm: ArmGuess, bare: Ce
             np.array([0.0, 0.0, 1.0]),
             gripper.movable_joints,
         )
+        if own := driven_joints(description.urdf.movable_joints, arm.carried):
+            message = (
+                f"`{description.urdf.name}` has a hand, which `{own[0].name}` moves; a second one does not fit on it"
+            )
+            raise bad_option(message, mend="leave `--gripper` out, or name a URDF of the arm without its hand")
         layout = replace(layout, gripper=description.gripper_text, X_LT=seat)
     driven, size = driven_joints(joints, carried), max(_cube_size(search.arm_reach(bare.model), None), COMMON_PART)
     if driven:
@@ -244,7 +249,7 @@ def _tried(
         tried.append((there, reason))
         advance(1)
         most = max(len(one.cubes) for one, _ in tried)
-        if most == len(search.COLORS) or len(there.cubes) < most and most > 1:  # what comes next is hardly better
+        if most == len(search.COLORS) or (len(there.cubes) < most and most > 1):  # what comes next is hardly better
             break
     return tried
 

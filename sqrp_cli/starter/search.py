@@ -14,9 +14,9 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.waypoints import WaypointGrounder
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.robot.reach import Unreachable, descend, halton, spread_starts
+from sqrp_cli.robot.reach import MET, Unreachable, as_arm_turns, descend, halton, may_reach, spread_starts
 from sqrp_cli.sight.solids import load_solids
-from sqrp_cli.starter.arm_guess import AXES_OF_A_POSE, LEAST_SWING, ArmGuess
+from sqrp_cli.starter.arm_guess import LEAST_SWING, ArmGuess
 from sqrp_cli.starter.layout import TASK, Cube, Layout, Point
 from sqrp_cli.task.feasibility import feasible_motion
 from sqrp_cli.task.grips import grips
@@ -39,7 +39,6 @@ MOST_STANDS = len(LIFTS) + MOST_BEFORE  # heights and places of the table that a
 PLACES, STEPS = 1024, 25
 """Positions of the joints from which places are searched where the tool points down, and steps of that search."""
 
-MET = 1e-4  # largest pose error of such a place, in m and rad, besides the arm's tolerance of angle
 WORK_HEIGHT = 0.3  # how far above a table the tool works, as a share of the reach
 TOOL_GAP = 0.002  # gap between what the arm carries and the suction cup [m]
 NEAR_AXIS = 0.95  # cosine of the angle within which a tool points along an axis of the link that carries it
@@ -53,7 +52,6 @@ MORE_HOMES, ASKEW = 24, 0.8
 LOW = 0.25  # height below which places of the tool count as ones above the table, as a share of the reach
 MORE_CUBES = 12  # cubes that are tried where few usual places are within reach
 FREE_TURN = 5  # an arm with this many axes can turn a tool that points down about its axis; others may not
-TURN_STARTS, TURN_STEPS = 64, 30  # starting points and steps of the search for how an arm turns the tool at a place
 CUBE_SHARES = (0.5, 0.62, 0.4, 0.72, 0.3)  # distances of cubes from the base, as shares of the reach
 
 CUBE_TURNS = tuple(turn * pi / 180 for turn in (0, -25, 25, -50, 50))
@@ -179,7 +177,7 @@ def find_home(cell: Cell, reach: float, layout: Layout, down: Array) -> Layout |
     """
     model, tried, first = cell.model, 0, ""
     for X_WT, direction in _homes(model, reach, layout.directions, pose(position=(0.0, 0.0, layout.lift)) @ down):
-        if first and not _may_reach(model, X_WT[None]):
+        if first and not may_reach(model, X_WT[None]):
             tried += 1
             continue
         found = all_solutions(model, X_WT)
@@ -224,17 +222,6 @@ def _homes(model: RobotModel, reach: float, preferred: Sequence[float], places: 
         yield places[row], float(directions[row])
 
 
-def as_arm_turns(model: RobotModel, X_WT: Array) -> Array:
-    """A pose that points down, (4, 4), turned about the vertical so that the arm comes closest to it."""
-    q = np.concatenate([model.home[None], spread_starts(model, TURN_STARTS)])
-    for weight in (0.02, 1.0, 1.0):
-        q, _ = descend(model, X_WT, q, TURN_STEPS, turn_weight=weight, kept=8)
-        turned = model.tool_poses(q[:1])[0, :3, :3] @ X_WT[:3, :3].T
-        turn = float(np.arctan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]))
-        X_WT = pose(axis_rotation(2, turn) @ X_WT[:3, :3], X_WT[:3, 3])
-    return X_WT
-
-
 def tool_down(model: RobotModel, far: float, direction: float, high: float) -> Array:
     """The pose of a tool frame that points down, at a distance and direction from the first joint; (4, 4)."""
     return pose(axis_rotation(0, pi), [*(shoulder_of(model)[:2] + far * _heading(direction)), high])
@@ -265,7 +252,7 @@ def cube_places(model: RobotModel, reach: float, layout: Layout, down: Array | N
             chosen.append(place)
             x, y = place.tolist()
             turn, above = 0.0, pose(position=(0.0, 0.0, 0.5 * size)) @ X_WT
-            if len(model.arm) < FREE_TURN and not _may_reach(model, above[None]):
+            if len(model.arm) < FREE_TURN and not may_reach(model, above[None]):
                 R = as_arm_turns(model, above)[:3, :3] @ X_WT[:3, :3].T
                 turn = float(np.arctan2(R[1, 0], R[0, 0]))
             yield Cube(f"c{len(chosen)}", "green", (x, y, 0.5 * size), turn)
@@ -289,7 +276,7 @@ def cubes_in_reach(cell: Cell, trial: Sequence[Cube]) -> tuple[Sequence[Cube], s
                 continue
             why = "there is one way to grip it"
             for grip in grips(cell, candidate, cell.initial_world)[turns]:
-                if first and not _may_reach(cell.model, _waypoints(cell, grip)):
+                if first and not may_reach(cell.model, _waypoints(cell, grip)):
                     continue
                 motion = feasible_motion(cell, grip, cell.initial_world)
                 if not isinstance(motion, Infeasible):
@@ -307,16 +294,6 @@ def _waypoints(cell: Cell, grip: Candidate) -> Array:
     settings, at_home = (grip.skill.waypoints, grip.binding, grip.values), cell.model.tool_pose(cell.model.home)
     grounder = WaypointGrounder(*settings, cell.workspace.objects, at_home, cell.initial_world.X_WO, {})
     return np.array([grounder.pose(name) for name in grip.skill.waypoints])
-
-
-def _may_reach(model: RobotModel, X_WT: Array) -> bool:
-    """Whether an arm of few axes may bring the tool to poses, (k, 4, 4): quicker than to say why it cannot."""
-    if len(model.arm) >= AXES_OF_A_POSE:
-        return True
-    starts = spread_starts(model, TURN_STARTS // 2)
-    _, errors = descend(model, X_WT.repeat(len(starts), axis=0), np.tile(starts, (len(X_WT), 1)), TURN_STEPS)
-    met = np.abs(errors).max(axis=1).reshape(len(X_WT), -1) < MET + model.angle_tolerance
-    return bool(met.any(axis=1).all())
 
 
 def painted(cubes: Sequence[Cube], colors: Sequence[str]) -> list[Cube]:

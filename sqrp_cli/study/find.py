@@ -20,6 +20,7 @@ from sqrp_cli.files.units import TIME, expected_quantity, read_quantity
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion, no_such_branch, plan_branches, plan_motion
 from sqrp_cli.records import dataclass
+from sqrp_cli.robot.reach import TURNED
 from sqrp_cli.study.analysis import Analysis, Observed, all_observed, planned_motion, with_delays
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.ranking import QUALITY_STEP, compared_quality, compared_time, contenders, rank
@@ -289,6 +290,6 @@ class Plans:
             stated = ((one, motion) for one, motion in branches.feasible if {**one, **grip.branch} == one)
             ways = ((replace(grip, branch=one), motion) for one, motion in stated)
             motions += [planned_motion(cell, way, world, motion) for way, motion in ways]
-        none = no_such_branch(candidate.branch) if candidate.branch else Infeasible(reasons[0])
+        none = no_such_branch(candidate.branch) if candidate.branch else Infeasible(min(reasons, key=lambda one: TURNED not in one[0]))
         self._known[key] = candidate, (tried, motions or none)
         return self._known[key][1]

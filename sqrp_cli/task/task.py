@@ -142,7 +142,8 @@ def impossible_tasks(workspace: Workspace) -> Iterator[Problem]:
             task = read_task(expected.task, workspace)
         except InputError as error:
             place = workspace.places.get(f"{path}.{'steps' if expected.steps else 'task'}")
-            yield from (replace(problem, place=place) for problem in error.problems)
+            mend = "name what there is, or delete this line of `tasks`"
+            yield from (replace(one, place=place, mend=one.mend or mend) for one in error.problems)
             continue
         usable = dict.fromkeys(name for candidate in task.candidates for name in candidate.binding.values())
         winner = expected.winner

@@ -71,6 +71,8 @@ def print_ranking(found: Ranking, *, all_rows: bool = False) -> None:
             say(sentence, "red")
         for sentence in _sentences(feasible, found):
             say(sentence)
+        if any("arm position" in one.choice for one in feasible):
+            say("Arm positions are numbered: the same place of the tool, with the joints otherwise.", "dim")
         say("* No other row is better in everything.", "dim")
         say(sentences.accuracy(found.sampling, feasible, short=verbosity.get() is not Verbosity.VERBOSE), "dim")
     if all_ways:
