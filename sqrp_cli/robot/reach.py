@@ -293,7 +293,7 @@ def why_unreachable(model: RobotModel, X_WT: Array, branches: Array | None = Non
 def as_arm_turns(model: RobotModel, X_WT: Array) -> Array:
     """A pose that points down, (4, 4), turned about the vertical so that the arm comes closest to it."""
     q = np.concatenate([model.home[None], spread_starts(model, TURN_STARTS)])
-    for weight in (0.02, 1.0, 1.0):
+    for weight in (0.02, 1.0, 0.02):
         q, _ = descend(model, X_WT, q, TURN_STEPS, turn_weight=weight, kept=8)
         turned = model.tool_poses(q[:1])[0, :3, :3] @ X_WT[:3, :3].T
         turn = float(np.arctan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]))

@@ -211,16 +211,24 @@ def with_branch(cell: Cell, planned: PlannedMotion) -> Candidate:
 
 
 def some_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | Infeasible:
-    """The fastest motion of a candidate with the first grip that has one; else why the first has none.
+    """The fastest motion of a candidate with the first grip that has one; else why the first has none, or a turn helps.
 
     Ways around are searched for the first grip only.
     """
     first = feasible_motion(cell, first_grip(candidate), world)
     if isinstance(first, Motion) or impossible_start(cell, candidate, world) is not None:
         return first
-    others = grips(cell, candidate, world)[1:]
-    motions = (plan_motion(grip, world, cell.collision, cell.seed, around=False) for grip in others)
-    return next((motion for motion in motions if isinstance(motion, Motion)), first)
+    for grip in grips(cell, candidate, world)[1:]:
+        motion = plan_motion(grip, world, cell.collision, cell.seed, around=False)
+        if isinstance(motion, Motion):
+            return motion
+        first = min(first, motion, key=_mended_by_a_turn)
+    return first
+
+
+def _mended_by_a_turn(none: Infeasible) -> bool:
+    """False, which is less, for what would be within reach when turned."""
+    return not any(TURNED in reason for reason in none.reasons)
 
 
 Planned = tuple[int, Sequence[PlannedMotion] | Infeasible]
@@ -290,6 +298,6 @@ class Plans:
             stated = ((one, motion) for one, motion in branches.feasible if {**one, **grip.branch} == one)
             ways = ((replace(grip, branch=one), motion) for one, motion in stated)
             motions += [planned_motion(cell, way, world, motion) for way, motion in ways]
-        none = no_such_branch(candidate.branch) if candidate.branch else Infeasible(min(reasons, key=lambda one: TURNED not in one[0]))
+        none = no_such_branch(candidate.branch) if candidate.branch else min(map(Infeasible, reasons), key=_mended_by_a_turn)
         self._known[key] = candidate, (tried, motions or none)
         return self._known[key][1]

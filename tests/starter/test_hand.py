@@ -18,7 +18,7 @@ from sqrp_cli.starter.by_name import find_named
 from sqrp_cli.starter.description import OwnRobot
 from sqrp_cli.starter.make import make_starter
 
-HANDS = {"panda": (None, 80e-3, 40e-3), "ur5e": ("robotiq_2f_85", 85e-3, 42.5e-3), "so101": (None, 0.0793, 0.018)}
+HANDS = {"panda": (None, 80e-3, 40e-3), "ur5e": ("robotiq_2f_85", 85e-3, 42.5e-3), "so101": (None, 0.0673, 0.018)}
 """A gripper for the arm; clear width [m], by the data sheets of the first two; from the frame to the nearer finger. Of
 so101 only one jaw moves, and the frame is on the face of the other one: there it is measured from 18 mm beside."""
 
@@ -50,16 +50,17 @@ def hits(cell: Cell, way: Array, start: Array) -> Array:
 
 
 def test_the_frame_lies_between_the_tips_and_the_stated_width_is_free_there(cell: Cell) -> None:
-    x, z = np.meshgrid([-3e-3, 0.0, 3e-3], np.linspace(-18e-3, -1e-3, 18))
-    beside = 0.018 if cell.workspace.name == "so101" else 0.0
+    # Of a jaw that turns, the tip is 14 mm before the frame when it is open.
+    lowest, beside = (-32e-3, 0.018) if cell.workspace.name == "so101" else (-18e-3, 0.0)
+    x, z = np.meshgrid([-3e-3, 0.0, 3e-3], np.linspace(lowest, -1e-3, 18))
     start = np.column_stack([x.ravel(), np.full(x.size, beside), z.ravel()])
     left, right = hits(cell, np.array([0.0, -1.0, 0.0]), start), hits(cell, np.array([0.0, 1.0, 0.0]), start)
     gaps = np.array([np.min(side[np.isfinite(side)]) for side in (left, right)])
     gripper, width, nearer = HANDS[cell.workspace.name]
     assert cell.workspace.robot.geometry == ("visual" if gripper else "collision")  # that of some grippers has gaps
-    edges = 14e-3 if cell.workspace.name == "so101" else 1e-3  # by which the hook of a jaw that turns may be nearer
+    edges = 2.5e-3 if cell.workspace.name == "so101" else 1e-3  # by which those of a jaw that turns may be nearer
     assert -1e-3 < gaps.sum() - (cell.model.fingers.width or 0.0) < edges
     assert [gaps.sum(), gaps.min()] == pytest.approx([width, nearer], abs=1.1e-3)
     # In front of the frame is nothing: open, these fingers reach as far as it at most.
-    across = [start[0] + [0.0, y, 2e-2] for y in np.linspace(-0.2, 0.2, 81)]
+    across = [[-3e-3, y, 2e-3] for y in np.linspace(-0.2, 0.2, 81)]
     assert not np.isfinite(hits(cell, np.array([0.0, 0.0, 1.0]), np.array(across))).any()
