@@ -39,7 +39,7 @@ _POSE = re.compile(r"X_[A-Z]{2}")
 _WORDS = re.compile(r"primitives\.[0-9]+\.does")  # for people alone; programs have long kept them
 
 _LEFT_OUT = {
-    "Workspace": {"name", "path", "files", "values", "warnings", "places", "tasks", "derived"},
+    "Workspace": {"name", "path", "files", "values", "warnings", "places", "tasks", "derived", "recordings"},
     "Robot": {"urdf", "srdf", "package_roots", "tool", "parts", "limits", "stop_limits", "home", "fingers", "markers"},
     "Tool": {"urdf", "file"},
     "UrdfJoint": {"name", "lower", "upper", "velocity"},  # `Robot.limits` has them

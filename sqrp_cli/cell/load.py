@@ -16,6 +16,7 @@ import numpy as np
 from sqrp_cli.cell.facts import facts_of_cell, read_facts, with_held_by_facts
 from sqrp_cli.cell.read_cell import read_cameras, read_detectors, read_objects
 from sqrp_cli.cell.read_robot import RobotReader
+from sqrp_cli.cell.recordings import USUAL_DETECTORS, RecordedTask, recorded_scene_objects, recorded_task
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import ExpectedTask, Workspace, WorkspaceFile
 from sqrp_cli.cell.workspace_file import read_workspace_document, workspace_file, workspace_name
@@ -185,7 +186,9 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     cameras, objects = read_cameras(reader, file), read_objects(reader, file)
     if problems:
         raise InputError(*problems)
-    if not skills and (file.state or file.tasks):
+    for entry in file.recordings.values():
+        objects |= {obj.name: obj for obj in recorded_scene_objects(entry, objects)}
+    if not skills and (file.state or (file.tasks and not file.recordings)):
         message = "the workspace lists no skills, which give facts and tasks their meaning"
         raise document.error("no-skills", ("skills",), message, "list the folders of skills under `skills`")
     domain = merge_domains([skill.domain for skill in skills.values()]) if skills else None
@@ -193,7 +196,17 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     detectors = read_detectors(reader, file, cameras, robot.markers, objects)
     for skill in skills.values():
         problems += check_skill(skill, reader.links, objects, list(file.detectors))
-    problems += check_tasks(document, file.tasks, list(skills), list(objects))
+    recordings = dict[str, RecordedTask]()
+    for called, entry in file.recordings.items():
+        if called in skills:
+            at = ("recordings", called)
+            problems.append(document.problem("duplicate-name", at, f"there is also a skill `{called}`"))
+        with reader.collecting():
+            path = from_folder(document.folder, entry.file)
+            recordings[called] = recorded_task(document, called, path, entry, list(detectors))
+    for recorded in recordings.values():
+        problems += check_skill(recorded.skill, reader.links, objects, [*detectors, *USUAL_DETECTORS])
+    problems += check_tasks(document, file.tasks, [*skills, *recordings], list(objects))
     if problems:
         raise InputError(*problems)
     facts = {literal.atom: index for literal, index in literals.items() if literal.positive}
@@ -214,6 +227,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         derived=derived,
         skills=skills,
         tasks=tuple(file.tasks),
+        recordings=recordings,
         padding=file.padding,
         files=digest,
         values=document.leaves,

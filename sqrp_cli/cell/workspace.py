@@ -18,6 +18,7 @@ from sqrp_cli.camera.detector import Detector, DetectorEntry
 from sqrp_cli.camera.light import MOST_LIGHTS, Light
 from sqrp_cli.camera.markers import Marker
 from sqrp_cli.cell.canonical_values import CanonicalValues, canonical_values, digest_of_values, without_words
+from sqrp_cli.cell.recordings import MOST_RECORDINGS, RecordedTask, RecordingEntry
 from sqrp_cli.cell.scene import ObjectEntry, SceneObject
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.files.entries import (
@@ -103,6 +104,8 @@ class WorkspaceFile(Entry):
         description="The facts that hold now, besides those that follow from the cell; `not FACT` denies one of these.",
     )
     tasks: list[ExpectedTask] = Field(default=[], description="Tasks that the cell must support.")
+    recordings: dict[Name, RecordingEntry] = Field(default={}, max_length=MOST_RECORDINGS)
+    """Recordings of motions by name: tasks whose candidates are the episodes."""
     padding: Padding = Field(default=0.0, description="Least distance that motions keep from fixed objects.")
 
 
@@ -158,6 +161,7 @@ class Workspace:
     derived: Mapping[Atom, str]  # those of them that follow from the cell, with from what, such as `on: table`
     skills: Mapping[str, Skill]
     tasks: tuple[ExpectedTask, ...]
+    recordings: Mapping[str, RecordedTask]
     padding: float  # least distance that motions keep from fixed objects [m]
     files: Mapping[str, SourceFile]
     """The files that were read, meshes included, by the role that each plays, such as `robot.urdf`."""

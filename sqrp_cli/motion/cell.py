@@ -36,7 +36,9 @@ class Cell:
         model = RobotModel.load(robot)
         _check_size(workspace, model)
         objects = [t for t in workspace.objects.values() if t.X_WO is not None or t.X_TO is not None]
-        parts = [*model.parts, *(part for obj in objects for part in obj.parts)]
+        handled = {name for task in workspace.recordings.values() for name in task.objects}
+        moved = [obj for name, obj in workspace.objects.items() if name in handled and obj not in objects]
+        parts = [*model.parts, *(part for obj in (*objects, *moved) for part in obj.parts)]
         found = find_self_contacts(model, seed) if robot.srdf is None else None
         unchecked, never_touching = (robot.disabled_pairs, None) if found is None else found
         colors, movable = {obj.name: obj.color or "" for obj in objects}, {obj.name for obj in objects if not obj.fixed}

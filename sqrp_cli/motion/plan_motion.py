@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import pairwise, takewhile
 from math import prod
-from typing import TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -71,6 +71,7 @@ class Motion:
     """The driven joints, in the order of all joint positions: those of the arm, then those of the fingers."""
     primitives: tuple[TimedPrimitive, ...]  # without gaps, in order
     final: World  # the world after it, with the facts from before; X_WO of a held object is its final pose
+    initial: World | None = None  # the world before it, where that is its own: of a motion that was not planned
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -106,6 +107,14 @@ class Branches:
     reasons: tuple[str, ...]  # why others fail, most useful first; not empty if all fail
 
 
+@runtime_checkable
+class KnownMotions(Protocol):
+    """Motions that are not planned, by what a skill's parameters say."""
+
+    def motion(self, choice: SkillChoice, world: World, model: RobotModel) -> Motion | Infeasible:
+        """The motion of a choice; world: has what it does not tell."""
+
+
 _Planned = TypeVar("_Planned", Motion, Branches)
 
 
@@ -121,6 +130,8 @@ def plan_motion(
     limit, or which contact occurs where. With a branch of `plan_branches`, exactly the motion that it has there.
     around: whether ways around are searched at all.
     """
+    if isinstance(choice.skill.recorded, KnownMotions):
+        return choice.skill.recorded.motion(choice, world, scene.model)
     return _planned(choice, world, scene, seed, lambda problem: _plan(problem, choice.branch, around=around))
 
 
@@ -130,6 +141,9 @@ def plan_branches(choice: SkillChoice, world: World, scene: CollisionScene, seed
     Ways around are searched only if no branch has direct moves throughout, and then only the first one is given. At
     most `MOST_BRANCHES` are tried.
     """
+    if isinstance(choice.skill.recorded, KnownMotions):
+        found = choice.skill.recorded.motion(choice, world, scene.model)
+        return found if isinstance(found, Infeasible) else Branches(1, (({}, found),), ())
     return _planned(choice, world, scene, seed, _plan_each)
 
 

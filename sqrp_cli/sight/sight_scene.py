@@ -12,7 +12,7 @@ from sqrp_cli.camera.detector import MODULE_PIXELS, PER_BIT
 from sqrp_cli.camera.light import ANY_BRIGHTNESS, MARKER, Light, brightness_of, look_alike
 from sqrp_cli.camera.markers import DICTIONARIES
 from sqrp_cli.camera.projection import Projection
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, pose
 from sqrp_cli.kernel import kernel
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import Solids
@@ -29,7 +29,8 @@ _THIN = 1e-9
 
 _LENSES = {"none": 0, "equidistant": 1, "plumb_bob": 2, "rational_polynomial": 2}
 
-_NOWHERE = np.eye(4)[None]
+_NOWHERE = pose(np.eye(3), (0.0, 0.0, -1e6))[None]
+"""Of a frame that states do not have: of a question asked before, or of an object whose place is not known."""
 
 _KEPT = 16
 """Combinations of cameras and boxes whose records are kept, as they are asked for again and again."""

@@ -95,19 +95,26 @@ def read_skill(folder: Path, place: Place, digest: dict[str, SourceFile]) -> ski
         meant = nearest(name, domain.actions) or next(iter(domain.actions), None)
         there = Place(domain.path) if meant is None else domain.actions[meant].place
         raise bad_input("missing-action", message, there, mend="rename the action, or the folder and its file")
-    return _SkillReader(document, validate(document, skill.SkillFile), domain, domain.actions[name]).read(folder)
+    return SkillReader(document, validate(document, skill.SkillFile), domain, domain.actions[name]).read(folder)
 
 
-class _SkillReader:
+class SkillReader:
     """Checks one skill file beyond its format, and collects all problems."""
 
-    def __init__(self, document: SourceDocument, file: skill.SkillFile, domain: Domain, action: Action) -> None:
+    def __init__(
+        self,
+        document: SourceDocument,
+        file: skill.SkillFile,
+        domain: Domain,
+        action: Action,
+        problems: Sequence[Problem] = (),
+    ) -> None:
         self.document = document
         self.file = file
         self.domain = domain
         self.action = action
         self.objects = [parameter.name for parameter in action.parameters]
-        self.problems: list[Problem] = []
+        self.problems: list[Problem] = [*problems]
         self.values = {name: self._motion_values(name) for name in file.motion}
         self.kinds: dict[str, list[settings.Kind]] = {name: [] for name in file.motion}
         self.implicit: dict[str, settings.MotionParameter] = {}
@@ -115,6 +122,7 @@ class _SkillReader:
         """Motion parameters with values that a setting refuses."""
 
     def read(self, folder: Path) -> skill.Skill:
+        """The skill, named after its folder. Raises InputError with all problems."""
         for name in (name for name in self.file.motion if name in self.objects):
             self._report("ambiguous-name", ("motion", name), "the PDDL action has a parameter of this name too")
         for name, waypoint in self.file.waypoints.items():

@@ -361,6 +361,8 @@ class Skill:
     """Position of every key of skill.yaml, by its dotted path (such as `primitives.0.to`)."""
     warnings: tuple[Problem, ...]
     """Findings that do not prevent its use."""
+    recorded: object | None = None
+    """Of a recording: what has its motions, which are not planned."""
 
     def place(self, *path: str | int) -> Place:
         """The place of a key of skill.yaml, such as `targets`, `hold`, `boxes`, 0; if missing, that of its parent."""

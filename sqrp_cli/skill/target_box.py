@@ -19,6 +19,10 @@ from sqrp_cli.records import dataclass
 UnitVector = Annotated[Direction, AfterValidator(lambda vector: tuple((vector / np.linalg.norm(vector)).tolist()))]
 
 
+JAWS = "jaws"
+"""What recordings watch at the tool frame: where the tool takes hold of things."""
+
+
 class BoxSpec(Entry):
     """A box of a target: where to look for what."""
 
@@ -99,6 +103,8 @@ def fact_words(atom: str, boxes: Iterable[TargetBox], objects: Container[str]) -
     objects: the names of all objects; other frames of boxes are links, which only the tool's boxes have. Of an atom
     about which the boxes do not say so, its name: "`open` holds".
     """
+    if atom == JAWS:
+        return "the jaws are where they should be"
     for box in boxes:
         name, place = object_of(atom, box, objects), box.frame.removesuffix(AT_START)
         if name is None or place == WORLD:
@@ -107,6 +113,7 @@ def fact_words(atom: str, boxes: Iterable[TargetBox], objects: Container[str]) -
             return f"the tool holds {name}"
         if place != box.frame or place != name:
             return f"{name} stands {'where it stood' if place == name else f'on {place}'}"
+        return f"{name} is where it should be"
     return f"`{atom}` holds"
 
 

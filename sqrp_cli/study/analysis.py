@@ -135,7 +135,8 @@ def analyse(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, 
 
 
 def planned_motion(cell: Cell, candidate: Candidate, world: World, motion: Motion) -> PlannedMotion:
-    """A candidate with its motion from `world`, and what must be seen when."""
+    """A candidate with its motion from `world`, or from its own, and what must be seen when."""
+    world = motion.initial or world
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
     formulas = ground_formulas(candidate, spans, motion.time)
     targets = ground_targets(cell, candidate, world, motion, formulas)

@@ -22,8 +22,10 @@ def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | 
 def impossible_start(cell: Cell, candidate: Candidate, world: World, *, contacts: bool = True) -> Infeasible | None:
     """Why a candidate cannot even begin in a world: its precondition, where its objects are, contacts; None if it can.
 
-    contacts: whether anything that touches is looked for.
+    contacts: whether anything that touches is looked for. A recorded motion is what it is.
     """
+    if candidate.skill.recorded is not None:
+        return None
     if unmet := unmet_preconditions(cell, candidate, world):
         return Infeasible(unmet)
     if lost := [name for name in candidate.binding.values() if name not in world.X_WO]:

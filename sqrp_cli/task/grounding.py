@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from string import ascii_lowercase, digits
 
+from sqrp_cli.cell.recordings import EPISODE, USUAL_DETECTORS
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.files.frames import AT_START, TOOL, frame_poses, link_called
 from sqrp_cli.geometry import Array, inverse, pose
-from sqrp_cli.logic.formula import argument_lists, bind
+from sqrp_cli.logic.formula import argument_lists, bind, named_primitives
 from sqrp_cli.logic.formula_time import GroundOperator, ground_operators, timed_operators
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion
@@ -25,16 +27,28 @@ def ground_formulas(
 ) -> tuple[GroundOperator, ...]:
     """One entry per temporal operator of the candidate's formulas, in the order of its skill's requirements.
 
-    spans: start and end of each primitive by name [s]; total: duration of the motion [s].
+    spans: start and end of each primitive by name [s]; total: duration of the motion [s]. In a recorded motion, a
+    formula counts for each grasp that has the phases that it names.
     """
-    lists = argument_lists(candidate.skill.action)
-    return tuple(
+    lists, rounds = argument_lists(candidate.skill.action), [spans]
+    if candidate.skill.recorded is not None:
+        numbers = sorted({int(name.lstrip(ascii_lowercase) or 1) for name in spans})
+        rounds = [
+            {EPISODE: (0.0, total), **{name.rstrip(digits): of for name, of in spans.items() if name.endswith(f"{n}")}}
+            if n > 1
+            else {EPISODE: (0.0, total), **spans}
+            for n in numbers
+        ]
+    found = [
         operator
         for requirement in candidate.skill.requirements
+        for known in rounds
+        if all(one in known for one in named_primitives(requirement.formula))
         for operator in ground_operators(
-            bind(requirement.formula, candidate.binding, lists), spans, total, requirement.name
+            bind(requirement.formula, candidate.binding, lists), known, total, requirement.name
         )
-    )
+    ]
+    return tuple(dict.fromkeys(found))
 
 
 def formulas_outside(candidate: Candidate, motion: Motion) -> tuple[tuple[int, int], ...]:
@@ -42,6 +56,8 @@ def formulas_outside(candidate: Candidate, motion: Motion) -> tuple[tuple[int, i
 
     Each as the index of its requirement and its index among the temporal operators of that, outer before inner.
     """
+    if candidate.skill.recorded is not None:
+        return ()
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
     return tuple(
         (index, number)
@@ -119,7 +135,7 @@ def _box(cell: Cell, spec: BoxSpec, waypoints: WaypointGrounder) -> SoughtBox:
     return from_fields(
         SoughtBox,
         spec,
-        limits=cell.workspace.detectors[spec.detector],
+        limits={**USUAL_DETECTORS, **cell.workspace.detectors}[spec.detector],
         frame=frame,
         size=size,
         X_FB=X_FB,

@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 from itertools import combinations_with_replacement, pairwise, product
 from math import comb, prod
 
+from sqrp_cli.cell.recordings import EPISODE, RecordedTask
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError, Problem, bad_input, counted, expected_names
@@ -15,6 +16,7 @@ from sqrp_cli.files import units
 from sqrp_cli.files.units import expected_quantity, read_quantity
 from sqrp_cli.logic.conditions import rules_out
 from sqrp_cli.logic.literal import Atom
+from sqrp_cli.motion.recorded_motion import RecordedMotions, opened
 from sqrp_cli.skill.settings import MotionParameter, MotionValue
 from sqrp_cli.skill.skill import JointMove, Skill, named_skill
 from sqrp_cli.task.candidate import Candidate as Candidate
@@ -48,11 +50,14 @@ def _read_step(text: str, workspace: Workspace) -> Task:
     """
     words = text.split()
     if not words:
-        skills = ", ".join(f"`{name}`" for name in workspace.skills)
+        skills = ", ".join(f"`{name}`" for name in (*workspace.skills, *workspace.recordings))
         raise bad_input("empty-task", f"the task is empty; expected a skill ({skills}) and what to do it with")
-    skill = named_skill(words[0], workspace.skills)
+    if (recorded := workspace.recordings.get(words[0])) is not None:
+        skill: Skill | None = recorded_skill(recorded, workspace)
+    else:
+        skill = named_skill(words[0], workspace.skills)
     if skill is None:
-        known = expected_names(words[0], workspace.skills)
+        known = expected_names(words[0], [*workspace.skills, *workspace.recordings])
         place = workspace.places.get("skills", workspace.whole_file)
         raise bad_input("unknown-skill", f"there is no skill `{words[0]}` under `skills`; {known}", place)
     names = [*(p.name for p in skill.action.parameters), *(p.name for p in skill.motion_parameters)]
@@ -90,8 +95,19 @@ def _read_step(text: str, workspace: Workspace) -> Task:
         bound = dict(zip(motion, values, strict=True))
         shown = in_words(skill, {name: value for name, value in bound.items() if len(motion[name]) > 1})
         own = [*binding.values(), *(f"{name}={value.replace(' ', '')}" for name, value in shown.items())]
-        found.append(Candidate(skill, binding, bound, branch=branch, name=" ".join(own) or skill.name))
+        name = f"{EPISODE} {bound[EPISODE]:g}" if skill.recorded else " ".join(own) or skill.name
+        found.append(Candidate(skill, binding, bound, branch=branch, name=name))
     return Task(text, skill, tuple(found))
+
+
+def recorded_skill(task: RecordedTask, workspace: Workspace) -> Skill:
+    """The skill that a recording is: its motion parameter is the number of the episode. Raises InputError for damage.
+
+    Its task has every episode as a candidate.
+    """
+    numbers = tuple(map(float, range(len(opened(task.file).episodes))))
+    motions = RecordedMotions(task, workspace.objects, workspace.robot.fingers)
+    return replace(task.skill, motion_parameters=(MotionParameter(EPISODE, numbers),), recorded=motions)
 
 
 def longer_tasks(text: str, workspace: Workspace) -> Iterator[str]:

@@ -60,6 +60,7 @@ def analysis_shown(
         )
         for target in planned.targets
     }
+    does = {primitive.name: primitive.words for primitive in planned.candidate.skill.primitives}
     sights = {}
     for fault, windows in analysis.windows.items():
         onsets = (
@@ -71,8 +72,8 @@ def analysis_shown(
         **vars(found),
         sampling=sampling_done(sampling, [found]),
         primitives=[
-            Span(name=timed.name, start=timed.start, end=timed.end, does=stated.words)
-            for timed, stated in zip(planned.motion.primitives, planned.candidate.skill.primitives, strict=True)
+            Span(name=timed.name, start=timed.start, end=timed.end, does=does.get(timed.name, timed.name))
+            for timed in planned.motion.primitives
         ],
         formulas=[
             from_fields(Formula, one, literals=[str(literal) for literal in one.literals]) for one in planned.formulas

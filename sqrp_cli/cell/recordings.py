@@ -1,0 +1,234 @@
+"""Recordings in a workspace file: whose motion, how its numbers become joint positions, what it handles and watches."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from math import pi
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
+from pydantic_core import PydanticCustomError
+
+from sqrp_cli.camera.detector import Detector
+from sqrp_cli.cell.scene import SceneObject
+from sqrp_cli.errors import Place, expected_names
+from sqrp_cli.files.entries import AnyQuantity, Entry, Extents, MappingOr, Name, Pose, Text, refused
+from sqrp_cli.files.frames import AT_START, TOOL
+from sqrp_cli.files.source import SourceDocument, describe, dotted
+from sqrp_cli.files.units import LONGEST, TIME, Quantity, read_quantity
+from sqrp_cli.geometry import pose, read_only
+from sqrp_cli.logic.domain import Action, Compound, Domain, Holds, Parameter, Signature
+from sqrp_cli.records import dataclass
+from sqrp_cli.shapes import Box, Part
+from sqrp_cli.skill.read_skill import SkillReader
+from sqrp_cli.skill.skill import MOST_ENTRIES, FormulaEntry, FormulaOrText, Skill, SkillFile
+from sqrp_cli.skill.target_box import JAWS, BoxSpec, TargetSpec
+
+GRASP_PHASES = ("approach", "grasp", "carry", "release", "retreat")
+"""The phases around a grasp, in order; of the second grasp of an episode they are called `approach2` and so on."""
+EPISODE = "episode"  # the whole episode as an interval of formulas, and the parameter of candidates
+USUAL_SIZE = 0.03  # of an object whose size is not stated, along each axis [m]
+MOST_OBJECTS, MOST_RECORDINGS = 50, 50
+JAWS_SIZE = 0.04  # of the box at the tool frame in which jaws are watched [m]
+SIGHT = "sight"
+USUAL_DETECTORS = {
+    SIGHT: Detector(kind="color", distance=(0.01, 100.0), max_incidence=pi, min_pixels=8.0, min_visible=0.5)
+}
+"""The detector of what is watched where a workspace names none: half of a thing of 8 pixels is enough."""
+
+
+def _instant(value: object) -> float | str:
+    read = read_quantity(value)
+    if read is not None and read.dimension in (None, TIME) and 0.0 <= read.value <= LONGEST:
+        return read.value
+    if isinstance(value, str) and re.fullmatch(r"(grasp|release)([2-9]|[1-9][0-9]+)?", value):
+        return value
+    raise refused("wrong-value", f"found {describe(value)}, expected `grasp`, `release2` and the like, or a time")
+
+
+Instant = Annotated[
+    float | str, PlainValidator(_instant), WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}]})
+]
+
+
+class RecordedJointEntry(Entry):
+    """A joint, and how the recording's numbers become its positions: `scale` times the number, plus `offset`."""
+
+    joint: Text = Field(description="The joint of the robot.")
+    scale: AnyQuantity | None = None
+    """Angle or length that a 1 of the recording means, such as `1 deg` or `-1 deg`; default: the unit that the
+    recording states, else 1 rad or 1 m."""
+    offset: AnyQuantity = Field(default=Quantity(0.0, None), description="Position of the joint where it says 0.")
+
+
+class GripperEntry(Entry):
+    """What of the recording tells when something is grasped and released."""
+
+    joint: Text
+    """A joint of the robot, by its position; or a name of the recording, by its numbers as stored."""
+    closed_below: AnyQuantity | None = Field(default=None, description="Below this it holds, or is closed.")
+    closed_above: AnyQuantity | None = Field(default=None, description="Above this it does, instead.")
+    empty_beyond: AnyQuantity | None = None
+    """Closed further than this, nothing is between the jaws; default: within 2 % of where `robot.fingers` are closed.
+    """
+
+    @model_validator(mode="after")
+    def _one_threshold(self) -> GripperEntry:
+        if (self.closed_below is None) == (self.closed_above is None):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of `closed_below`, `closed_above`")
+        return self
+
+
+class RecordedObjectEntry(Entry):
+    """An object that the recording handles.
+
+    Where the cell has an object of this name with a pose, it begins there. Else it begins where it is grasped, upright,
+    in the middle of the tool frame.
+    """
+
+    size: Extents | None = Field(default=None, description="Full extents; by default 3 cm along each axis.")
+    color: Text | None = None
+    """What detectors of colours look for."""
+    pose: Pose | None = Field(default=None, description="Where it begins in every episode, if that is known.")
+    held: Annotated[list[Instant], Field(min_length=2, max_length=2)] | None = None
+    """From the end of which phase to the start of which, such as [grasp2, release2], or from when to when [s]; by
+    default of an object alone in every grasp, else of each in one."""
+
+    @model_validator(mode="after")
+    def _from_grasp_to_release(self) -> RecordedObjectEntry:
+        match self.held:
+            case None:
+                pass
+            case [float() as start, float() as end] if start < end:
+                pass
+            case [str() as start, str() as end] if start.replace("grasp", "release") == end != start:
+                pass
+            case _:
+                raise refused("wrong-value", "expected [grasp, release], [grasp2, release2] or two rising times")
+        return self
+
+
+class RecordingEntry(Entry):
+    """A recording, a task of its own: its episodes are the candidates."""
+
+    file: Text
+    """A LeRobot dataset, MCAP, rosbag2, ROS 1 bag, CSV, JointTrajectory YAML or program; relative to this file."""
+    joints: dict[Text, MappingOr[RecordedJointEntry, Text]] = Field(default={}, max_length=MOST_ENTRIES)
+    """The joint of each name in the recording; without any, joints are called as in the robot."""
+    gripper: GripperEntry | None = None
+    """When something is grasped and released; not needed where objects say when they are held, in seconds, and of our
+    own programs and what they export."""
+    objects: dict[Name, RecordedObjectEntry] = Field(default={}, max_length=MOST_OBJECTS)
+    """What is handled, by name."""
+    detector: Name | None = None
+    """The detector that looks for what is watched; by default the only one, or one that sees half of a thing."""
+    watch: list[Name] | None = Field(default=None, max_length=MOST_OBJECTS)
+    """What must be seen all the time: `jaws`, and names of objects; by default jaws and all that is handled."""
+    formulas: list[FormulaOrText] = Field(default=[], max_length=MOST_ENTRIES)
+    """What must hold, as in a skill, over the phases approach, grasp, carry, release, retreat and the whole episode."""
+    faults: dict[Name, FormulaEntry] | None = Field(default=None, max_length=MOST_ENTRIES)
+    """What may go wrong; by default what is held is dropped while it is carried."""
+    targets: dict[Name, TargetSpec] = Field(default={}, max_length=MOST_ENTRIES)
+    """Further predicates of these formulas, and the boxes that decide them."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RecordedTask:
+    """A recording of a workspace as a task."""
+
+    name: str
+    file: Path
+    """Of the recording, or its folder."""
+    entry: RecordingEntry
+    objects: Mapping[str, RecordedObjectEntry]
+    """What it handles; one of the usual size where a gripper takes something that is not stated."""
+    skill: Skill
+    """What is to be seen in an episode; its primitives are the phases, its parameter the episode."""
+
+    def place(self, *path: str | int) -> Place:
+        """The place of a key of its entry in the workspace file; if missing, that of its parent."""
+        return self.skill.place(*path) if dotted(path) in self.skill.places else self.skill.action.place
+
+    def held_in(self, number: int, start: float) -> str | None:
+        """The object that is held in the grasp of a number, from 0, that begins at a time [s]; None if none is."""
+        for index, (name, one) in enumerate(self.objects.items()):
+            first = None if one.held is None else one.held[0]
+            if first is None and (number == index or len(self.objects) == 1):
+                return name
+            if first == start or (isinstance(first, str) and int(first.removeprefix("grasp") or 1) == number + 1):
+                return name
+        return None
+
+
+def recorded_objects(entry: RecordingEntry) -> Mapping[str, RecordedObjectEntry]:
+    """What a recording handles, by name: where a gripper takes something that is not stated, one of the usual size."""
+    return entry.objects or ({"held": RecordedObjectEntry()} if entry.gripper else {})
+
+
+def recorded_scene_objects(entry: RecordingEntry, known: Mapping[str, SceneObject]) -> Iterator[SceneObject]:
+    """The objects of a recording that are not among the known ones, at a pose that the recording tells."""
+    for name, one in recorded_objects(entry).items():
+        if name not in known:
+            size = one.size or (USUAL_SIZE, USUAL_SIZE, USUAL_SIZE)
+            part = Part(name, name, Box(size), read_only(pose()))
+            yield SceneObject(name=name, type="object", color=one.color, size=size, pose=None, parts=(part,))
+
+
+def recorded_task(
+    document: SourceDocument, name: str, file: Path, entry: RecordingEntry, detectors: Sequence[str]
+) -> RecordedTask:
+    """A recording as a task: a skill whose primitives are the phases. Raises InputError with all problems.
+
+    document: the workspace's file. detectors: those that it defines.
+    """
+    at = ("recordings", name)
+    part, objects = document.part(at), recorded_objects(entry)
+    known = [JAWS, *objects]
+    watched = list(dict.fromkeys(known if entry.watch is None else entry.watch))
+    problems = [
+        document.problem("unknown-object", (*at, "watch"), f"found `{one}`; {expected_names(one, known)}")
+        for one in watched
+        if one not in known
+    ]
+    detector = entry.detector or (detectors[0] if len(detectors) == 1 else SIGHT)
+    # Jaws and objects are predicates without arguments: seen where they are; `hold(cube)` and `place(cube)` have one.
+    jaws = BoxSpec(name=JAWS, frame=TOOL, size=[JAWS_SIZE] * 3, detector=detector, encloses=[TOOL, *objects])
+    boxes = {JAWS: jaws, **{one: BoxSpec(name=one, frame=one, fits=one, detector=detector) for one in objects}}
+    first = next(iter(objects), None)
+    if first is not None:
+        boxes["hold"] = BoxSpec(name="held", frame=TOOL, fits=first, at="grasp", detector=detector, encloses=[first])
+        boxes["place"] = BoxSpec(name="place", frame=f"{first}{AT_START}", fits=first, detector=detector)
+    uses = [Holds(predicate, ()) for predicate in (*known, *entry.targets)]
+    uses += [Holds(predicate, (one,)) for predicate in ("hold", "place") for one in objects]
+    signatures = {use.predicate: Signature(use.predicate, tuple(map(Parameter, use.terms))) for use in uses}
+    signatures |= {one: Signature(one, (Parameter("object"),)) for one in ("hold", "place") if one in signatures}
+    action = Action(name, (), Compound("and"), tuple(uses), (), document.key_place(at))
+    constants = dict.fromkeys(objects, "object")
+    domain = Domain(name, document.path, frozenset(), {}, constants, signatures, {name: action})
+    formulas = list(entry.formulas)
+    if watched and not formulas:
+        formulas = [f"always[{EPISODE}.start, {EPISODE}.end] ({' and '.join(watched)})"]
+    faults = entry.faults
+    if faults is None:
+        faults = {
+            "dropped" if len(objects) == 1 else f"dropped_{one}": FormulaEntry(
+                formula=f"eventually[carry.start, carry.end] (not hold({one}))",
+                words=f"{one} is dropped while it is carried",
+            )
+            for one in objects
+        }
+    phases = [{"name": phase, "does": phase, "wait": 0.0} for phase in (EPISODE, *GRASP_PHASES)]
+    targets = {**{one: TargetSpec(boxes=[box]) for one, box in boxes.items()}, **entry.targets}
+    said = SkillFile.model_validate(
+        {
+            "waypoints": {"grasp": {"pose": {}}},  # that of what is held, which its motion tells
+            "primitives": phases,
+            "formulas": formulas,
+            "faults": faults,
+            "targets": targets,
+        }
+    )
+    skill = SkillReader(part, said, domain, action, problems).read(document.folder / name)
+    return RecordedTask(name=name, file=file, entry=entry, objects=objects, skill=skill)

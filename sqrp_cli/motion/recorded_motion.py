@@ -1,0 +1,134 @@
+"""The motions of a recording: joints between its frames on straight lines, and objects where the tool takes them.
+
+Nothing is planned, and nothing is checked for collisions. What the tool grasps is rigid in it until it is released,
+and then stays where that is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from sqrp_cli.cell.recordings import EPISODE, RecordedTask
+from sqrp_cli.cell.scene import SceneObject
+from sqrp_cli.cell.workspace import World
+from sqrp_cli.errors import Infeasible, bad_input
+from sqrp_cli.geometry import Array, inverse, pose, read_only, rpy_to_matrix, transform
+from sqrp_cli.motion.plan_motion import Motion, TimedPrimitive
+from sqrp_cli.recording.episode import Episode
+from sqrp_cli.recording.joint_map import JointMap, grasps_of
+from sqrp_cli.recording.phases import phases
+from sqrp_cli.recording.recording import Recording, open_recording
+from sqrp_cli.records import dataclass
+from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.robot.robot import Fingers
+from sqrp_cli.skill.skill import SkillChoice
+from sqrp_cli.trajectory import JointPath, PiecewiseCubic, Trajectory
+
+REACH = 0.05
+"""Farther than this from the tool frame, an object is not what the tool grasps [m]."""
+
+
+@lru_cache(maxsize=4)
+def opened(file: Path) -> Recording:
+    """A recording, opened once."""
+    return open_recording(file)
+
+
+@lru_cache(maxsize=2)
+def _episode(file: Path, number: int) -> Episode:
+    return opened(file).read(number)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedMotions:
+    """The motions of a recording's episodes, by the parameter `episode`."""
+
+    task: RecordedTask
+    objects: Mapping[str, SceneObject]
+    """Those of the cell."""
+    fingers: Fingers | None
+
+    def motion(self, choice: SkillChoice, world: World, model: RobotModel) -> Motion | Infeasible:
+        """The motion of an episode; world: has the objects and joints that it does not tell. Raises InputError."""
+        recording, number = opened(self.task.file), int(choice.values[EPISODE])
+        if not 0 <= number < len(recording.episodes):
+            known = f"expected 0 to {len(recording.episodes) - 1}"
+            raise bad_input("unknown-candidate", f"there is no episode {number} in {self.task.entry.file}; {known}")
+        episode = _episode(self.task.file, number)
+        mapped = JointMap.of(self.task, recording, model.joints)
+        q, t = mapped.positions(episode, model.joints, world.joints), episode.times
+        grasps = grasps_of(self.task, recording, mapped, episode, self.fingers)
+
+        def positions(at: float) -> Array:
+            return np.array([np.interp(at, t, column) for column in q.T])
+
+        # Where objects begin: as stated, else upright at the tool when it first takes them.
+        X_WO = dict(world.X_WO)
+        for name, one in self.task.objects.items():
+            if one.pose is not None:
+                X_WO[name] = read_only(one.pose.matrix())
+        holds: dict[int, tuple[str, Array]] = {}  # the object of a grasp with its pose in the tool frame
+        before, initial = dict(X_WO), dict(X_WO)
+        for index, grasp in enumerate(grasps):
+            name = self.task.held_in(index, grasp.start)
+            if name is None:
+                continue
+            X_WT = model.tool_pose(positions(grasp.start))
+            if name not in before:
+                yaw = float(np.arctan2(X_WT[1, 0], X_WT[0, 0]))
+                before[name] = initial[name] = read_only(pose(rpy_to_matrix((0.0, 0.0, yaw)), X_WT[:3, 3]))
+            away = np.abs(transform(inverse(before[name]), X_WT[:3, 3])) - 0.5 * np.array(self.objects[name].size)
+            if (far := float(np.linalg.norm(np.maximum(away, 0.0)))) > REACH:
+                where = f"the tool is {far:.2f} m from where `{name}` should be"
+                return Infeasible((f"at {grasp.start:.1f} s something is grasped, but {where}",))
+            holds[index] = name, read_only(inverse(X_WT) @ before[name])
+            if grasp.end is not None:
+                before[name] = read_only(model.tool_pose(positions(grasp.end)) @ holds[index][1])
+        if missing := [name for name in self.task.objects if name not in initial]:
+            return Infeasible((f"nothing is grasped in it, so it is not known where `{missing[0]}` is",))
+
+        rest, primitives = dict(initial), list[TimedPrimitive]()
+        held, X_TO = None, None
+        for phase in phases(grasps, float(t[-1])):
+            held, X_TO = holds.get(phase.grasp, (None, None)) if phase.name.startswith("carry") else (None, None)
+            if phase.name.startswith("release") and phase.grasp in holds:
+                name, X = holds[phase.grasp]
+                rest = {**rest, name: read_only(model.tool_pose(positions(phase.start)) @ X)}
+            inside = (t > phase.start + 1e-9) & (t < phase.end - 1e-9)
+            times = np.concatenate([[phase.start], t[inside], [phase.end]])
+            knots = np.concatenate([positions(phase.start)[None], q[inside], positions(phase.end)[None]])
+            primitives.append(
+                TimedPrimitive(
+                    name=phase.name,
+                    start=phase.start,
+                    end=phase.end,
+                    trajectory=_through(times - phase.start, knots),
+                    held=held,
+                    X_TO=X_TO,
+                    X_WO={name: X for name, X in rest.items() if name != held},
+                )
+            )
+        joints = {**world.joints, **dict(zip(model.joints, q[-1].tolist(), strict=True))}
+        after = dict(rest)
+        if held is not None and X_TO is not None:
+            after[held] = read_only(model.tool_pose(q[-1]) @ X_TO)
+        begin = {**world.joints, **dict(zip(model.joints, q[0].tolist(), strict=True))}
+        return Motion(
+            joint_names=model.joints,
+            primitives=tuple(primitives),
+            final=replace(world, X_WO=after, held=held, X_TO=X_TO, joints=joints),
+            initial=replace(world, X_WO=initial, held=None, X_TO=None, joints=begin),
+        )
+
+
+def _through(times: Array, knots: Array) -> Trajectory:
+    """The motion through joint positions, shape (k, n), at times from 0 on, shape (k,) [s]: on straight lines."""
+    breaks = times / times[-1]
+    coefficients = np.stack([0.5 * (knots[1:] + knots[:-1]), 0.5 * (knots[1:] - knots[:-1])], axis=1)
+    law = PiecewiseCubic(times[[0, -1]], np.array([[0.0, 1.0 / times[-1], 0.0, 0.0]]))
+    return Trajectory(JointPath(breaks, coefficients), law)
