@@ -43,15 +43,22 @@ _INTERVAL = re.compile(r"\b(?:always|eventually)\[[^\]]*\]")
 _TIME = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e-?\d+)?(?!\w)")
 
 
-def summary(candidates: Sequence[CandidateResult], by: Criterion) -> str:
+def summary(candidates: Sequence[CandidateResult], by: Criterion, *, worst: bool = False) -> str:
     """How many candidates can be done, and how they are ordered."""
     feasible = sum(one.feasible for one in candidates)
-    order = f", {_CRITERION_WORDS[by]}" if feasible > 1 else ""
+    order = f", {_CRITERION_WORDS[by]}{', from the end' * worst}" if feasible > 1 else ""
+    if any(one.phases for one in candidates):
+        return f"{feasible} of {len(candidates)} episodes can be judged{order}"
     return f"{feasible} of {len(candidates)} candidates can be done{order}"
 
 
-def first_answer(first: CandidateResult) -> str:
-    """What to do, and what that means: how soon its worst fault is noticed, how long it takes, and with a retry."""
+def first_answer(first: CandidateResult, *, worst: bool = False) -> str:
+    """What to do, and what that means: how soon its worst fault is noticed, how long it takes, and with a retry.
+
+    Of the episodes of a recording, which is seen best, or worst.
+    """
+    if first.phases:
+        return f"{first.name[0].upper()}{first.name[1:]} is seen {'worst' if worst else 'best'}: {what_it_means(first)}"
     return f"Take {first.name}: {what_it_means(first)}"
 
 

@@ -5,7 +5,7 @@ The delay of faults is by images, over all phases of the cameras, on the nominal
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +26,7 @@ from sqrp_cli.study.drop_detection import onset
 from sqrp_cli.study.fault_sights import all_fault_windows
 from sqrp_cli.study.late_faults import why_late
 from sqrp_cli.study.quality import qualities_over
-from sqrp_cli.study.result import CandidateResult
+from sqrp_cli.study.result import CandidateResult, PhaseSeen
 from sqrp_cli.study.sampling import MAX_SAMPLES, FixedCount, FixedStep, Sampling
 from sqrp_cli.study.stage import Stage
 from sqrp_cli.study.timeline import PlannedMotion, Timeline, observe
@@ -120,7 +120,20 @@ class Analysis(Observed):
             remarks=motion.remarks,
             outside=formulas_outside(candidate, motion),
             retried=tuple(name for name in faults if name in candidate.skill.retried_faults),
+            phases=() if candidate.skill.recorded is None else tuple(_phases(timeline, motion)),
         )
+
+
+def _phases(timeline: Timeline, motion: Motion) -> Iterator[PhaseSeen]:
+    """The phases of a recorded motion, with the share of each in which neighbouring samples are covered."""
+    gaps, pieces = timeline.samples.gaps, timeline.request.stage.pieces
+    phase = np.array([piece.primitive for piece in pieces])[timeline.samples.piece[:-1]]
+    monitored, covered = timeline.monitored, timeline.covered
+    for number, one in enumerate(motion.primitives):
+        own = np.where(phase == number, gaps, 0.0)
+        asked = own[monitored[:-1] & monitored[1:]].sum()
+        seen = float(own[covered[:-1] & covered[1:]].sum() / asked) if asked else None
+        yield PhaseSeen(name=one.name, start=one.start, end=one.end, seen=seen)
 
 
 def analyse(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *, full: bool) -> Analysis | Infeasible:

@@ -76,6 +76,23 @@ class WaysFound(Record):
     """The ends of joint moves that no path can make seen, of the first way; empty if all paths have to be direct."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class PhaseSeen(Record):
+    """A phase of a recorded episode, and how much is seen in it."""
+
+    name: str
+    """approach, grasp, carry, release or retreat; around a second grasp `approach2` and so on."""
+    start: float
+    """From the start of the episode [s]."""
+    end: float
+    """From the start of the episode [s]."""
+    seen: float | None
+    """Share of its time in which all is seen that must be, in 0..1; null where nothing must."""
+
+    def __str__(self) -> str:
+        return f"{self.name} {'-' if self.seen is None else f'{100 * self.seen:.1f} %'}"
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CandidateResult(Figures):
     """What is found of one candidate; of an infeasible one no figures.
@@ -100,6 +117,8 @@ class CandidateResult(Figures):
     """The ways in which it can be done; its own figures are those of the first. Null where that was not asked for."""
     q_expected: float | None = field(default=None, metadata=LEFT_OUT)
     """How likely images show all that must be seen, mean over T; left out where no detector has a curve."""
+    phases: tuple[PhaseSeen, ...] = field(default=(), metadata=LEFT_OUT)
+    """Of an episode of a recording."""
     name: str = ""
     """What sets it apart among the candidates of its task, such as `g1 lift=200mm`."""
     objects: Mapping[str, str] = field(default_factory=dict)
@@ -143,6 +162,12 @@ class CandidateResult(Figures):
         """What takes so long until the fault that is noticed last is noticed, in a few words; empty without faults."""
         latest = max(self.faults.values(), key=lambda one: (one.unseen, one.delay_worst or 0.0), default=None)
         return "" if latest is None or latest.why is None else latest.why.words
+
+    @property
+    def worst_phase(self) -> str:
+        """The phase of a recorded episode in which least is seen, with its share; empty if it has none."""
+        known = [one for one in self.phases if one.seen is not None]
+        return str(min(known, key=lambda one: one.seen or 0.0)) if known else ""
 
     @property
     def way(self) -> Candidate:
@@ -269,23 +294,25 @@ class Ranking(TaskDocument):
     """How many candidates the task has."""
     ways: Literal["best", "all", "first"] = "best"
     """Which ways were asked for."""
+    worst_first: bool = field(default=False, metadata=LEFT_OUT)
+    """Whether they stand in the opposite order; ranks stay."""
     assumed: str = ""
     """What delays assume of the cameras, in words; empty where all state their latency."""
     candidates: tuple[CandidateResult, ...]
-    """Best first, infeasible ones last."""
+    """Best first, or worst first, infeasible ones last."""
 
     session: Any = live()
     """The `Session` that found it."""
 
     @property
     def feasible(self) -> tuple[CandidateResult, ...]:
-        """The candidates that can be done, best first."""
+        """The candidates that can be done, in their order."""
         return tuple(one for one in self.candidates if one.feasible)
 
     @property
     def best(self) -> CandidateResult | None:
-        """The first candidate, None if none is feasible."""
-        return next(iter(self.feasible), None)
+        """The first candidate of the ranking, None if none is feasible."""
+        return next(iter(self.feasible[::-1] if self.worst_first else self.feasible), None)
 
     @property
     def brief(self) -> str:

@@ -11,7 +11,7 @@ from math import comb, prod
 from sqrp_cli.cell.recordings import EPISODE, RecordedTask
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.errors import InputError, Problem, bad_input, counted, expected_names
+from sqrp_cli.errors import InputError, Problem, bad_input, bad_option, counted, expected_names
 from sqrp_cli.files import units
 from sqrp_cli.files.units import expected_quantity, read_quantity
 from sqrp_cli.logic.conditions import rules_out
@@ -37,6 +37,10 @@ def read_task(text: str, workspace: Workspace, facts: frozenset[Atom] | None = N
     choices go together. Raises InputError if nothing matches.
     """
     parts = split_steps(text)
+    recorded = [part for part in parts if part.split()[:1] and part.split()[0] in workspace.recordings]
+    if recorded and len(parts) > 1:
+        message = f"`{recorded[0]}` is a recording, which is a task of its own and no step of another"
+        raise bad_option(message, mend=f"ask about it alone: `{recorded[0]}`")
     steps = [_read_step(part, workspace) for part in parts]
     return steps[0] if len(steps) == 1 else whole_task(text, steps, workspace, facts)
 

@@ -76,6 +76,8 @@ class Session:
                 raise _continues_elsewhere(written, after)
             world = start
         task = read_task(ask.task, cell.workspace, world.facts)
+        if task.skill.recorded is not None:
+            _check_recorded(ask, written)
         job = ask.job(cell, world)
         if job.wanted.fastest:
             task = replace(task, candidates=tuple(map(first_grip, task.candidates)))
@@ -96,6 +98,8 @@ class Session:
         named = {name for one in ranked for name in one.candidate.binding.values()}
         unseen = [name for names in without_hue(self.cell.workspace).values() for name in names if name in named]
         seen = [f"a detector is assumed that sees {first_names(unseen)}, whose colour none here sees"] if unseen else []
+        if ask.worst:
+            ranked[: place + 1] = ranked[place::-1] if place >= 0 else []
         latency = assumed_latency(self.cell.observer.cameras)
         return Ranking(
             workspace=self.cell.workspace.name,
@@ -105,6 +109,7 @@ class Session:
             sampling=sampling_done(job.sampling, found),
             calibration=drawn,
             interrupted=interrupted or None,
+            worst_first=ask.worst,
             of=len(self.task.candidates),
             assumed="; ".join(filter(None, (*seen, latency))),
             candidates=tuple(map(described, ranked)),
@@ -136,6 +141,20 @@ class Session:
         again = _steps_of_task(there, self.task.text, self.cell.workspace)
         replaced = again if again and _same(there[-again].before, self.job.world) else 0
         add_steps(self.cell, steps_of(self, chosen), self.job.sampling, file, replaced)
+
+
+def _check_recorded(ask: TaskRequest, written: Path | None) -> None:
+    """Raises InputError for what makes no sense of a recording: its motions are what they are."""
+    meant = {
+        "program": (written, "no program can be written of it"),
+        "after": (ask.after, "it begins where it began"),
+        "ways": (None if ask.ways == "best" else ask.ways, "each episode is done in one way only"),
+        "max_time": (getattr(ask, "max_time", None), "its episodes take as long as they took"),
+    }
+    for name, (value, why) in meant.items():
+        if value is not None:
+            option = f"--{name.replace('_', '-')}" if ask.by_words or name == "program" else name
+            raise bad_option(f"`{ask.task}` is a recording, so {why}", mend=f"leave {option} out")
 
 
 def _same(one: World, other: World) -> bool:

@@ -37,10 +37,10 @@ def print_ranking(found: Ranking, *, all_rows: bool = False) -> None:
     """
     feasible, all_ways = found.feasible, found.ways == "all"
     if feasible:
-        say(sentences.first_answer(feasible[0]), "bold")
+        say(sentences.first_answer(feasible[0], worst=found.worst_first), "bold")
         say_assumed(found.assumed if feasible[0].faults else "")
         say()
-    say(joined([(found.task, "bold"), f" in {found.workspace}: {sentences.summary(found.candidates, found.by)}\n"]))
+    say(joined([(found.task, "bold"), f" in {found.workspace}: {sentences.summary(found.candidates, found.by, worst=found.worst_first)}\n"]))
     if feasible:
         shown: Sequence[CandidateResult] = feasible
         if len(feasible) > MOST_ROWS and not all_rows:
@@ -84,7 +84,8 @@ def print_ranking(found: Ranking, *, all_rows: bool = False) -> None:
 
 def _sentences(feasible: Sequence[CandidateResult], found: Ranking) -> Iterator[str]:
     """Why the last is last, what faster ways there are, and where no path helps."""
-    last, all_seen = feasible[-1], feasible[-1].verdict == f"{NOTHING_MISSING}."
+    last = feasible[0 if found.worst_first else -1]
+    all_seen = last.verdict == f"{NOTHING_MISSING}."
     if len(feasible) > 1:
         beginning = f"Even with {last.name}, the last," if all_seen else f"Why {last.name} is last:"
         yield f"{beginning} {last.verdict[0].lower()}{last.verdict[1:]}"
@@ -164,6 +165,8 @@ def _figures(feasible: Sequence[CandidateResult]) -> list[_Figure]:
     if any(one.q_expected is not None for one in feasible):
         found.append((likely, lambda one: one.q_expected))
     found.append((time, lambda one: seconds(one.time)))
+    if feasible[0].phases:
+        found.append((Column("seen least\nin", shrink=True), lambda one: one.worst_phase))
     if retried := feasible[0].retried:
         found.append((done, lambda one: worst(one, "expected_time", retried, "{:.1f}")))
     return found
