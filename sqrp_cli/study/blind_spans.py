@@ -54,6 +54,51 @@ def cause_totals(cell: Cell, analysis: Analysis) -> tuple[UnseenTime, ...]:
     return tuple(totals)
 
 
+ByPhase = Mapping[str, Mapping[str, Mapping[str, float]]]
+"""A share for each phase, by the name of a camera, by atom."""
+
+
+def coverage_by_phase(cell: Cell, analysis: Analysis) -> tuple[ByPhase, tuple[UnseenTime, ...]]:
+    """How much of each phase every camera sees each target, as far as it must be seen, and what it does not for.
+
+    The second has for each phase, camera and target the cause that takes most of the time.
+    """
+    timeline, primitives = analysis.timeline, analysis.planned.motion.primitives
+    weights, observation = sample_weights(analysis), timeline.observation
+    phase = np.array([piece.primitive for piece in timeline.request.stage.pieces])[timeline.samples.piece]
+    shares: dict[str, dict[str, dict[str, float]]] = {}
+    causes = list[UnseenTime]()
+    for column, (target, boxes) in enumerate(zip(analysis.planned.targets, observation.full_matrix, strict=True)):
+        atom = str(target.atom)
+        shares[atom] = {camera.name: {} for camera in cell.observer.cameras}
+        for number, one in enumerate(primitives):
+            rows = np.flatnonzero(observation.required[:, column] & (phase == number))
+            if not (total := float(weights[rows].sum())):
+                continue
+            first, _ = first_failing(boxes, rows)
+            for index, camera in enumerate(cell.observer.cameras):
+                kinds, which = np.unique(
+                    np.stack([first.cause[:, index], first.by[:, index]]), axis=1, return_inverse=True
+                )
+                lasts, seen = np.bincount(which.ravel(), weights=weights[rows]), kinds[0] == Cause.NONE
+                shares[atom][camera.name][one.name] = float(lasts[seen].sum() / total)
+                lost = np.where(seen, 0.0, lasts)
+                worst = int(lost.argmax())
+                if lost[worst] > 0.0:
+                    cause = Cause(int(kinds[0, worst]))
+                    causes.append(
+                        UnseenTime(
+                            literal=atom,
+                            camera=camera.name,
+                            cause=cast("CauseLabel", cause.label),
+                            by=cell.observer.by_name(cause, int(kinds[1, worst])),
+                            seconds=float(lost[worst]),
+                            phase=one.name,
+                        )
+                    )
+    return shares, tuple(causes)
+
+
 def sample_weights(analysis: Analysis) -> Array:
     """Weight of each sample in time [s], shape (m,); they add up to the duration of the motion."""
     gaps = analysis.timeline.samples.gaps

@@ -206,6 +206,8 @@ class UnseenTime(Reason):
     """Its name."""
     seconds: float
     """Each sample counts for half of the time to its neighbours in its piece [s]."""
+    phase: str | None = field(default=None, metadata=LEFT_OUT)
+    """Of a recorded episode, if it is about one phase."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,7 +29,7 @@ from sqrp_cli.show.documents.explanation import (
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.skill.target_box import fact_words
 from sqrp_cli.study.analysis import Analysis
-from sqrp_cli.study.blind_spans import cause_totals
+from sqrp_cli.study.blind_spans import cause_totals, coverage_by_phase
 from sqrp_cli.study.in_the_way import HiddenViews, hidden_views, in_the_way, to_move
 from sqrp_cli.study.pipeline import sampling_done
 from sqrp_cli.study.result import CandidateResult
@@ -60,6 +60,7 @@ def analysis_shown(
         )
         for target in planned.targets
     }
+    coverage, causes = coverage_by_phase(cell, analysis) if found.phases else ({}, ())
     does = {primitive.name: primitive.words for primitive in planned.candidate.skill.primitives}
     sights = {}
     for fault, windows in analysis.windows.items():
@@ -85,6 +86,8 @@ def analysis_shown(
         targets={str(literal): boxes[literal.atom] for literal in literals},
         samples=_samples(cell, analysis, views),
         unseen_times=cause_totals(cell, analysis),
+        coverage=coverage,
+        coverage_causes=causes,
         hidden=() if views is None else in_the_way(cell, analysis, views),
         to_move=() if views is None else to_move(cell, analysis, views),
         assumed=assumed_latency(cell.observer.cameras),

@@ -244,6 +244,11 @@ class ExplainedCandidate(CandidateResult):
     """The sampled instants in the order of time."""
     unseen_times: Sequence[UnseenTime] = ()
     """Why each camera does not see each literal, the longest time first within each literal."""
+    coverage: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict, metadata=LEFT_OUT)
+    """Of a recorded episode: by literal, camera and phase, the share of the time in which the camera sees it, in 0..1,
+    as far as it must be seen then."""
+    coverage_causes: Sequence[UnseenTime] = field(default=(), metadata=LEFT_OUT)
+    """What takes most of the time in which it does not."""
     hidden: Sequence[HiddenTarget] = ()
     """Who is in the way: of each literal, from each camera that it is hidden from."""
     to_move: Sequence[HidingPart] = ()

@@ -80,7 +80,8 @@ def print_explanation(found: Explanation) -> None:
         say(row)
     seen = {one.cause for one in found.unseen_times}
     legend = dict.fromkeys(f"{s} {words}" for cause, (s, _, words) in SIGNS.items() if cause not in {*SELDOM} - seen)
-    _say_pieces([found])
+    if not found.phases:
+        _say_pieces([found])
     say(styled(unbroken([*legend, "- not seen", "· need not be seen"], "  "), "dim"))
     if len(found.faults) > 1 or any(fault.blind_longest > 0.0 for fault in found.faults.values()):
         say()
@@ -91,6 +92,24 @@ def print_explanation(found: Explanation) -> None:
     say_assumed(found.assumed if found.faults else "")
     say(f"\n{_camera_failures(found)}")
     says = {name.removeprefix("not "): target.says for name, target in found.targets.items()}
+    if found.coverage:
+        why = {(one.literal, one.camera, one.phase): SIGNS[one.cause][0] for one in found.coverage_causes}
+        shown = [
+            (
+                says[atom],
+                camera,
+                *(
+                    f"{100 * share[p.name]:.1f} {why.get((atom, camera, p.name), '█')}" if p.name in share else ""
+                    for p in found.phases
+                ),
+            )
+            for atom, cameras in found.coverage.items()
+            for camera, share in cameras.items()
+            if any(share.values())
+        ]
+        columns = [Column("seen in each phase\n[%]", shrink=True), Column("camera")]
+        say()
+        print_table([*columns, *(Column(one.name, right=True) for one in found.phases)], _said_once(shown))
     _print_unseen(found, says)
     if found.hidden:
         say()
