@@ -154,7 +154,9 @@ class RankRequest(TaskRequest):
     )
     """Draws of camera poses tell its effect."""
     max_time: TimeLimit | str | float | None = MAX_TIME
-    worst: bool = flag("--worst", "The worst first, such as the episodes of a recording to look at, or to leave out.")
+    worst: bool = option(
+        "--worst", "The worst first, such as episodes of a recording to leave out.", values.flag, default=False
+    )
 
 
 class ExplainRequest(TaskRequest):

@@ -23,7 +23,7 @@ from sqrp_cli.motion.sections import MotionProblem, Names, Section, Ways
 from sqrp_cli.motion.tool_path import SHORTEST_LINE
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot import inverse_kinematics
-from sqrp_cli.robot.kinematics import positions_of
+from sqrp_cli.robot.kinematics import RobotModel, positions_of
 from sqrp_cli.robot.robot import AXES_OF_A_POSE
 from sqrp_cli.skill.settings import MotionValue
 from sqrp_cli.skill.skill import JointMove, SkillChoice

@@ -6,7 +6,7 @@ and then stays where that is.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -18,11 +18,12 @@ from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible, bad_input
 from sqrp_cli.geometry import Array, inverse, pose, read_only, rpy_to_matrix, transform
-from sqrp_cli.motion.plan_motion import Motion, TimedPrimitive
-from sqrp_cli.recording.episode import Episode
+from sqrp_cli.motion.collision import CollisionScene
+from sqrp_cli.motion.plan_motion import MEASURED, Motion, TimedPrimitive
+from sqrp_cli.recording.episode import Episode, Recording
 from sqrp_cli.recording.joint_map import JointMap, grasps_of
 from sqrp_cli.recording.phases import phases
-from sqrp_cli.recording.recording import Recording, open_recording
+from sqrp_cli.recording.recording import open_recording
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.robot import Fingers
@@ -31,6 +32,9 @@ from sqrp_cli.trajectory import JointPath, PiecewiseCubic, Trajectory
 
 REACH = 0.05
 """Farther than this from the tool frame, an object is not what the tool grasps [m]."""
+SPEED_OVER, CONTACT_STEP = 0.05, 0.01
+"""Times [s] over which speeds of recorded joints are measured, and between instants at which contacts are looked for.
+"""
 
 
 @lru_cache(maxsize=4)
@@ -69,14 +73,12 @@ class RecordedMotions:
 
         # Where objects begin: as stated, else upright at the tool when it first takes them.
         X_WO = dict(world.X_WO)
-        for name, one in self.task.objects.items():
-            if one.pose is not None:
-                X_WO[name] = read_only(one.pose.matrix())
+        stated = {name: one.pose.matrix() for name, one in self.task.objects.items() if one.pose is not None}
+        X_WO |= {name: read_only(X) for name, X in stated.items()}
         holds: dict[int, tuple[str, Array]] = {}  # the object of a grasp with its pose in the tool frame
         before, initial = dict(X_WO), dict(X_WO)
         for index, grasp in enumerate(grasps):
-            name = self.task.held_in(index, grasp.start)
-            if name is None:
+            if (name := self.task.held_in(index, grasp.start)) is None:
                 continue
             X_WT = model.tool_pose(positions(grasp.start))
             if name not in before:
@@ -97,8 +99,8 @@ class RecordedMotions:
         for phase in phases(grasps, float(t[-1])):
             held, X_TO = holds.get(phase.grasp, (None, None)) if phase.name.startswith("carry") else (None, None)
             if phase.name.startswith("release") and phase.grasp in holds:
-                name, X = holds[phase.grasp]
-                rest = {**rest, name: read_only(model.tool_pose(positions(phase.start)) @ X)}
+                taken, X = holds[phase.grasp]
+                rest = {**rest, taken: read_only(model.tool_pose(positions(phase.start)) @ X)}
             inside = (t > phase.start + 1e-9) & (t < phase.end - 1e-9)
             times = np.concatenate([[phase.start], t[inside], [phase.end]])
             knots = np.concatenate([positions(phase.start)[None], q[inside], positions(phase.end)[None]])
@@ -124,6 +126,42 @@ class RecordedMotions:
             final=replace(world, X_WO=after, held=held, X_TO=X_TO, joints=joints),
             initial=replace(world, X_WO=initial, held=None, X_TO=None, joints=begin),
         )
+
+
+def limits_broken(motion: Motion, scene: CollisionScene, handled: Collection[str]) -> Iterator[str]:
+    """What a recorded motion breaks of what planned ones keep, the first instant of each: limits of joints, contacts.
+
+    Speeds are means over `SPEED_OVER`, contacts are looked for every `CONTACT_STEP`. Objects that it handles do not
+    count, nor what is less than `MEASURED` past a limit.
+    """
+    model = scene.model
+    fine, coarse = (np.arange(0.0, motion.time, step) for step in (CONTACT_STEP, SPEED_OVER))
+    index = np.searchsorted([one.end for one in motion.primitives[:-1]], fine, side="right")
+    q = np.concatenate([motion.positions(k, fine[index == k]) for k in sorted(set(index.tolist()))])
+    lower, upper = model.position_limits
+    fastest = (1.0 + MEASURED) * np.concatenate([model.velocity, model.fingers.velocity])
+    turns = np.array([model.tree.turns[model.tree.index(name)] for name in model.joints], dtype=bool)
+    past = np.maximum(lower - q, q - upper)
+    slow = np.array([np.interp(coarse, fine, column) for column in q.T]).T
+    speed = np.abs(np.diff(slow, axis=0)) / SPEED_OVER
+    for number, name in enumerate(model.joints):
+        factor, unit = (180.0 / np.pi, "deg") if turns[number] else (1000.0, "mm")
+        if (rows := np.flatnonzero(past[:, number] > MEASURED)).size:
+            most = factor * past[:, number].max()
+            yield f"at {fine[rows[0]]:.1f} s joint `{name}` goes past its limit, by up to {most:.1f} {unit}"
+        if (rows := np.flatnonzero(speed[:, number] > fastest[number])).size:
+            most, limit = factor * speed[:, number].max(), factor * fastest[number]
+            said = f"goes up to {most:.0f} {unit}/s, its limit is {limit:.0f} {unit}/s"
+            yield f"at {coarse[rows[0]]:.1f} s joint `{name}` {said}"
+    assert motion.initial is not None  # noqa: S101 - recorded motions have their own world
+    around = {name: X for name, X in motion.initial.X_WO.items() if name not in handled}
+    world = replace(motion.initial, X_WO=around, held=None, X_TO=None)
+    found: dict[str, float] = {}
+    for t, contact in zip(fine.tolist(), scene.placed(world).check_all(q), strict=True):
+        if contact is not None:
+            found.setdefault(str(contact), t)
+    for said, t in found.items():
+        yield f"at {t:.1f} s {said}"
 
 
 def _through(times: Array, knots: Array) -> Trajectory:

@@ -10,9 +10,8 @@ import numpy as np
 from sqrp_cli.cell.recordings import RecordedJointEntry, RecordedTask
 from sqrp_cli.errors import bad_input, expected_names, first_names
 from sqrp_cli.geometry import Array
-from sqrp_cli.recording.episode import HELD, Episode
+from sqrp_cli.recording.episode import HELD, Episode, Recording
 from sqrp_cli.recording.phases import Grasp, find_grasps, held_at
-from sqrp_cli.recording.recording import Recording
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.robot import Fingers
 

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, Literal
 
 from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.figures import NO_FIGURES
 from sqrp_cli.files.entries import from_fields
-from sqrp_cli.logic.domain import merge_domains
+from sqrp_cli.logic.domain import Domain, merge_domains
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.planner import Planner, PlanningResult, ProvenImpossible, find_plan
 from sqrp_cli.logic.planning_task import GaveUp, PlanStep
 from sqrp_cli.motion.cell import Cell
+from sqrp_cli.motion.plan_motion import Motion
+from sqrp_cli.motion.recorded_motion import RecordedMotions, limits_broken
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.planned_step import PlannedStep
 from sqrp_cli.study.find import WantedWay, some_motion
@@ -66,9 +69,12 @@ class Suggester:
         """
         self.cell, self.world, self.jobs, self.planner = cell, world, jobs, planner
         self.wanted = WantedWay(fastest=candidates > MOST_WITH_FIGURES)
-        self._domain = merge_domains([skill.domain for skill in cell.workspace.skills.values()])
         self._plans: dict[tuple[str, ...], PlanningResult] = {}
         self._done: dict[tuple[PlanStep, ...], tuple[PlannedStep, World | None]] = {}
+
+    @cached_property
+    def _domain(self) -> Domain:
+        return merge_domains([skill.domain for skill in self.cell.workspace.skills.values()])
 
     def suggest(self, candidate: Candidate) -> Suggestion:
         """Plan with the skills of the workspace to the candidate's precondition, and check every step."""
@@ -189,6 +195,9 @@ def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
         found = job.assess(first_grip(candidate))
         return from_fields(Feasibility, found, candidate=candidate, suggestion=Suggestion("satisfied", ""), outside=())
     suggestion, motion = suggester.suggest(candidate), some_motion(suggester.cell, candidate, suggester.world)
+    if isinstance(recorded := candidate.skill.recorded, RecordedMotions) and isinstance(motion, Motion):
+        broken = tuple(limits_broken(motion, suggester.cell.collision, recorded.task.objects))
+        motion = Infeasible(broken) if broken else motion
     feasible = not isinstance(motion, Infeasible)
     outside = () if isinstance(motion, Infeasible) else formulas_outside(candidate, motion)
     about: dict[str, Any] = {"candidate": candidate, "feasible": feasible, "suggestion": suggestion}
