@@ -64,6 +64,7 @@ _UNITS = {"lower": "", "upper": "", "velocity": "/s", "acceleration": "/s^2", "j
 
 def canonical_values(workspace: object, meshes: Mapping[Path, str]) -> CanonicalValues:
     """The values of a `Workspace`; meshes: the digest of each mesh file."""
+    places: Mapping[str, object] = getattr(workspace, "places", {})
     about: list[tuple[str, str, Any]] = []  # what each value is about, its name, and the value
     for name, value in _said(workspace):
         if isinstance(value, Robot):
@@ -83,6 +84,8 @@ def canonical_values(workspace: object, meshes: Mapping[Path, str]) -> Canonical
             about.append(("state", "", dict.fromkeys(sorted(map(str, value)), True)))
         elif isinstance(value, Mapping):
             for key, entry in value.items():
+                if isinstance(entry, SceneObject) and f"objects.{key}" not in places and entry.X_WO is None:
+                    continue  # of a recording, which no program knows
                 about.append((f"{name.removesuffix('s')} {key}", "", entry))
                 parts = entry.parts if isinstance(entry, SceneObject) else ()
                 # What `size` says is not said again.

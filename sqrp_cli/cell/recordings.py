@@ -151,6 +151,13 @@ class RecordedTask:
         """The place of a key of its entry in the workspace file; if missing, that of its parent."""
         return self.skill.place(*path) if dotted(path) in self.skill.places else self.skill.action.place
 
+    @property
+    def state(self) -> str:
+        """What tells whether kept results are still about it: its entry, and names, sizes and times of its files."""
+        files = sorted(self.file.rglob("*")) if self.file.is_dir() else [self.file]
+        stats = [(str(one), one.stat().st_size, one.stat().st_mtime_ns) for one in files if one.is_file()]
+        return f"{self.entry.model_dump_json()} {stats}"
+
     def held_in(self, number: int, start: float) -> str | None:
         """The object that is held in the grasp of a number, from 0, that begins at a time [s]; None if none is."""
         for index, (name, one) in enumerate(self.objects.items()):

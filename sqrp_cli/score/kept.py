@@ -39,7 +39,7 @@ from sqrp_cli.search.question import ProposedChange
 from sqrp_cli.shown import json_line
 from sqrp_cli.skill.skill import Skill
 from sqrp_cli.study.blind_spans import Coverage
-from sqrp_cli.study.result import BlindEnd, CandidateResult, WayFigures, WaysFound
+from sqrp_cli.study.result import BlindEnd, CandidateResult, PhaseSeen, WayFigures, WaysFound
 from sqrp_cli.task.candidate import THEN, whole_skill
 from sqrp_cli.task.task import Candidate
 from sqrp_cli.version import __version__
@@ -53,7 +53,7 @@ _RECORDS = {
         *(AdvisedFigures, Aim, BlindEnd, Camera, Candidate, CandidateResult, FaultMetrics, LateReason),
         *(ProposedChange, Qualities),
         *(advice.AdviceFound, advice.ChangedCandidate, advice.KindOutcome, advice.Margin, advice.NearestChange),
-        *(advice.TaskEffect, WayFigures, WaysFound),
+        *(advice.TaskEffect, PhaseSeen, WayFigures, WaysFound),
     )
 }
 """What lines are made of; one that names anything else is none of ours."""

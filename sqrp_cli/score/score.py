@@ -6,6 +6,7 @@ import glob
 from collections.abc import Mapping, Sequence
 from math import inf
 from pathlib import Path
+from string import digits
 
 from sqrp_cli.cell.canonical_values import digest_of_values, with_skills
 from sqrp_cli.cell.load import load_workspace
@@ -77,7 +78,10 @@ def read_cell(file: Path, name: str, content: bytes | None = None) -> ScoredCell
         skills = tuple(dict.fromkeys(step.skill.name for step in steps))
         if skills not in contents:
             contents[skills] = digest_of_values(with_skills(workspace.canonical_values, skills))
-        requests = (ScoreRequest(workspace, contents[skills], one) for one in task.candidates)
+        content, recorded = contents[skills], workspace.recordings.get(task.skill.name)
+        if recorded is not None:
+            content = digest_of_values({"cell": {"rest": content, "recording": recorded.state}})
+        requests = (ScoreRequest(workspace, content, one) for one in task.candidates)
         tasks.append(ScoredTask(expected, tuple(requests)))
     return ScoredCell(name, workspace, tuple(tasks), problems)
 
@@ -177,6 +181,13 @@ def _task_score(workspace: str, task: ScoredTask, computer: Computer) -> TaskSco
         task.expected,
         "" if best else f"{first.candidate.name}: {first.candidate.skill.in_pieces(first.reasons[0])}",
     )
+    for phase, least in task.expected.min_phases.items():
+        of_phase = [(one, seen) for one in ranking for seen in one.phases if seen.name.rstrip(digits) == phase]
+        short = [(one, seen) for one, seen in of_phase if seen.seen is not None and falls_short(seen.seen, least)]
+        if short:
+            worst, seen = min(short, key=lambda pair: pair[1].seen or 0.0)
+            more = f" and of {len(short) - 1} more" * (len(short) > 1)
+            reasons += (f"time seen of {seen} in {worst.candidate.name}{more}, expected at least {100 * least:g} %",)
     return TaskScore(
         workspace=workspace,
         task=text,
@@ -193,7 +204,9 @@ def _sentences(problems: Sequence[Problem]) -> tuple[str, ...]:
 
 
 def way_name(candidate: Candidate) -> str:
-    """The name of a choice of objects of a task, such as `g1`, `g1 tray` or `peg1 then peg1 socket`."""
+    """The name of a choice of objects of a task, such as `g1`, `g1 tray` or `peg1 then peg1 socket`; of an episode."""
+    if candidate.skill.recorded is not None:
+        return candidate.name
     if candidate.steps:
         return THEN.join(map(way_name, candidate.steps))
     return " ".join(candidate.binding.values()) or candidate.skill.name
