@@ -447,6 +447,12 @@ class InitRequest(Request):
     moveit: AnyPath = option(
         "--moveit DIR", "Its configuration of MoveIt; one beside the URDF is found.", values.path, default=None
     )
+    recording: AnyPath = option(
+        "--recording FILE",
+        "Somebody's motion: a LeRobot dataset, a bag, CSV and the like; its episodes are then the task.",
+        values.path,
+        default=None,
+    )
     package_roots: Sequence[AnyPath] = option(
         "--package-root DIR", "Where packages are looked up; may be repeated.", values.paths, default=()
     )

@@ -33,7 +33,7 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
     that do not exist.
     """
     findings: list[Problem] = []
-    if not workspace.skills:
+    if not workspace.skills and not workspace.recordings:
         message, mend = "the workspace has no skills, so nothing can be done in it", "name their folders under `skills`"
         place = workspace.places.get("skills", workspace.whole_file)
         findings.append(Problem("no-skills", message, place, severity="warning", mend=mend))

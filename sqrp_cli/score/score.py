@@ -78,10 +78,10 @@ def read_cell(file: Path, name: str, content: bytes | None = None) -> ScoredCell
         skills = tuple(dict.fromkeys(step.skill.name for step in steps))
         if skills not in contents:
             contents[skills] = digest_of_values(with_skills(workspace.canonical_values, skills))
-        content, recorded = contents[skills], workspace.recordings.get(task.skill.name)
+        said, recorded = contents[skills], workspace.recordings.get(task.skill.name)
         if recorded is not None:
-            content = digest_of_values({"cell": {"rest": content, "recording": recorded.state}})
-        requests = (ScoreRequest(workspace, content, one) for one in task.candidates)
+            said = digest_of_values({"cell": {"rest": said, "recording": recorded.state}})
+        requests = (ScoreRequest(workspace, said, one) for one in task.candidates)
         tasks.append(ScoredTask(expected, tuple(requests)))
     return ScoredCell(name, workspace, tuple(tasks), problems)
 

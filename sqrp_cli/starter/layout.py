@@ -14,7 +14,7 @@ from sqrp_cli.geometry import Array, matrix_to_rpy
 from sqrp_cli.records import dataclass
 from sqrp_cli.starter.hand import Grip
 
-TASK = "pickup green"  # the task of a starter workspace
+TASK, RECORDED = "pickup green", "demo"  # the task of a starter workspace, also of one for a recording
 
 SCHEMA = ".sqrp/workspace.schema.json"  # by which editors complete and check the workspace file beside it
 
@@ -60,12 +60,14 @@ class Layout:
     cubes: Sequence[Cube] = ()
     views: Mapping[str, tuple[Point, Point]] = field(default_factory=dict)
     """Of each camera by name: where it is, and the point that it looks at."""
+    recording: str = ""  # the entry of a recording, whose episodes are then the task
+    told: tuple[str, ...] = ()  # what was guessed of it, in sentences
     warnings: tuple[Problem, ...] = ()
 
     @property
     def task(self) -> str | None:
         """A task to rank; None if nothing is within reach."""
-        return TASK if self.cubes else None
+        return TASK if self.cubes else RECORDED if self.recording else None
 
 
 _ROBOT = """\
@@ -178,6 +180,8 @@ def workspace_text(layout: Layout) -> str:
             text += f"  {cube.name}: {{type: cube, color: {cube.color}, size: [{edge}], {stands}}}\n"
     if layout.cubes:
         text += f"\ntasks:\n  - {{task: {TASK}}}\n"
+    if layout.recording:
+        text += f"\nrecordings:\n{layout.recording}\n"
     return text if layout.guessed else re.sub(r"  # check: .*", "", text)
 
 

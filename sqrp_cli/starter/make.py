@@ -24,6 +24,7 @@ from sqrp_cli.platform.files import naming, no_folder
 from sqrp_cli.starter import search
 from sqrp_cli.starter.arm_guess import ArmGuess, guess_arm
 from sqrp_cli.starter.description import Description, OwnRobot, describe_robot
+from sqrp_cli.starter.from_recording import with_recording
 from sqrp_cli.starter.hand import Grip, driven_joints, find_grip
 from sqrp_cli.starter.layout import SCHEMA, TASK, Cube, Layout, workspace_text
 from sqrp_cli.study.analysis import analyse
@@ -62,12 +63,14 @@ def make_starter(
     tip: str | None = None,
     advance: Callable[[int], object] = lambda _: None,
     schema: str = "{}",
+    recording: Path | None = None,
 ) -> Layout:
     """Make a workspace in a folder that does not exist or is empty.
 
     robot: the user's arm, or just its URDF, a path or `package://...`; None for a shipped arm.
     tip: the link at the end of the arm, of a robot that has several; None to guess. advance: called with 1 for each of
-    at most `MOST_STANDS` that was tried. schema: of its file, for editors.
+    at most `MOST_STANDS` that was tried. schema: of its file, for editors. recording: whose episodes are the task,
+    instead of cubes that the arm can pick up.
     Raises InputError, and writes nothing, if the folder cannot be made or the robot cannot be used.
     """
     if folder.is_dir():
@@ -94,14 +97,16 @@ def make_starter(
 
     try:
         with naming(folder, "this folder cannot be made"):
-            shutil.copytree(SHIPPED / SKILL, draft / SKILL)
-            (draft / "robots").mkdir()
+            if recording is None:
+                shutil.copytree(SHIPPED / SKILL, draft / SKILL)
+            (draft / "robots").mkdir(parents=True)
             (draft / SCHEMA).parent.mkdir()
             (draft / SCHEMA).write_text(schema, encoding="utf-8")
             for file in (SUCTION_CUP, *([OWN_ARM] if robot is None else [])):
                 shutil.copyfile(SHIPPED / file, draft / file)
             own = robot if isinstance(robot, OwnRobot) else OwnRobot(robot or str(draft / OWN_ARM))
-            layout = _filled(draft, describe_robot(own, draft), tip, advance, guessed=robot is not None)
+            described = describe_robot(own, draft)
+            layout = _filled(draft, described, tip, advance, guessed=robot is not None, recording=recording)
             if not folder.exists():
                 draft.replace(folder)
             else:  # the workspace file comes last
@@ -115,7 +120,13 @@ def make_starter(
 
 
 def _filled(
-    draft: Path, description: Description, tip: str | None, advance: Callable[[int], object], *, guessed: bool
+    draft: Path,
+    description: Description,
+    tip: str | None,
+    advance: Callable[[int], object],
+    *,
+    guessed: bool,
+    recording: Path | None,
 ) -> Layout:
     """Determine the contents of the workspace file step by step, and write it."""
     arm = guess_arm(description.urdf, tip or description.tip)
@@ -131,6 +142,13 @@ def _filled(
         home={one.name: 0.0 if one.lower <= 0.0 <= one.upper else 0.5 * (one.lower + one.upper) for one in arm.joints},
         slides=frozenset(joint.name for joint in arm.joints if joint.type == "prismatic"),
     )
+    if recording is not None:
+        layout = _with_hand(layout, description, arm, _load(layout))
+        file_name = json.dumps(os.path.relpath(recording, draft.parent / "any"), ensure_ascii=False)
+        best = with_recording(layout, _load(layout), recording, file_name)
+        (draft / WORKSPACE_FILE).write_text(workspace_text(best), encoding="utf-8")
+        workspace = load_workspace(draft)
+        return replace(best, warnings=(*description.warnings, *workspace.warnings, *lint(workspace)))
     tried = _tried(layout, description, arm, advance)
     best = max((layout for layout, _ in tried), key=lambda layout: len(layout.cubes))  # of equals the least lifted
     states = description.srdf.states if description.srdf else {}

@@ -45,8 +45,10 @@ def made(ask: InitRequest) -> NewCell:
     own = OwnRobot(urdf, given, roots, None if ask.moveit is None else Path(ask.moveit), gripper)
     with ask.progress("Looking for what the arm can reach", MOST_STANDS) as advance:
         schema = json.dumps(schema_of("workspace"))
-        found = make_starter(folder, own if is_own else None, ask.tip, advance, schema=schema)
-    tried = first_run(found.folder, found.task, ask.progress) if ask.run and found.task is not None else None
+        recording = None if ask.recording is None else Path(ask.recording).absolute()
+        found = make_starter(folder, own if is_own else None, ask.tip, advance, schema, recording)
+    runs = ask.run and found.task is not None and recording is None
+    tried = first_run(found.folder, found.task or "", ask.progress) if runs else None
     return NewCell(
         workspace=str(found.folder),
         tool_link=found.tip,
@@ -57,6 +59,7 @@ def made(ask: InitRequest) -> NewCell:
         run=tried,
         path=str(folder),
         own_arm=is_own,
+        told=found.told,
         problems=found.warnings,
     )
 

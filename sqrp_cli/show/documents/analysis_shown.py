@@ -60,7 +60,7 @@ def analysis_shown(
         )
         for target in planned.targets
     }
-    coverage, causes = coverage_by_phase(cell, analysis) if found.phases else ({}, ())
+    coverage, causes = coverage_by_phase(cell, analysis) if found.phases else (None, ())
     does = {primitive.name: primitive.words for primitive in planned.candidate.skill.primitives}
     sights = {}
     for fault, windows in analysis.windows.items():

@@ -244,7 +244,7 @@ class ExplainedCandidate(CandidateResult):
     """The sampled instants in the order of time."""
     unseen_times: Sequence[UnseenTime] = ()
     """Why each camera does not see each literal, the longest time first within each literal."""
-    coverage: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict, metadata=LEFT_OUT)
+    coverage: Mapping[str, Mapping[str, Mapping[str, float]]] | None = field(default=None, metadata=LEFT_OUT)
     """Of a recorded episode: by literal, camera and phase, the share of the time in which the camera sees it, in 0..1,
     as far as it must be seen then."""
     coverage_causes: Sequence[UnseenTime] = field(default=(), metadata=LEFT_OUT)

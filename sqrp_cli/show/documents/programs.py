@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import field
 from math import inf
 from pathlib import Path
 from typing import Literal
 
 from sqrp_cli.cell.workspace_file import shortest_path, workspace_name
-from sqrp_cli.document import Document, Record, how_many, live
+from sqrp_cli.document import LEFT_OUT, Document, Record, how_many, live
 from sqrp_cli.errors import Problem
 from sqrp_cli.figures import FaultMetrics, Qualities
 from sqrp_cli.files.entries import from_fields
@@ -192,6 +193,8 @@ class NewCell(Document):
     """Of its folder, as it was given."""
     own_arm: bool
     """Whether the arm is the user's, so that some values were guessed."""
+    told: tuple[str, ...] = field(default=(), metadata=LEFT_OUT)
+    """What was guessed of its recording, in sentences."""
 
     problems: Sequence[Problem] = live(())
     """Warnings about the arm."""

@@ -204,7 +204,8 @@ def _print_cameras(found: ShowDocument) -> None:
 def print_new_cell(made: NewCell) -> None:
     """The new workspace, and how to go on."""
     where, run = shlex.quote(made.path), made.run
-    say(f"{where} is a new workspace: workspace.yaml says what is in the cell, skills/pickup how a task is done.")
+    more = ", and what becomes of the recording" if made.told else ", skills/pickup how a task is done"
+    say(f"{where} is a new workspace: workspace.yaml says what is in the cell{more}.")
     if made.own_arm and made.width is not None:
         opens = "open" if len(made.fingers) > 1 else "opens"
         joints = " and ".join(f"`{name}`" for name in made.fingers)
@@ -214,6 +215,8 @@ def print_new_cell(made: NewCell) -> None:
         say(f"{at}; `--gripper NAME`, or the URDF of yours, puts a gripper there.")
     if made.own_arm:
         say_command("Lines marked `check:` were guessed; compare with:", f"sqrp show {where}")
+    for sentence in made.told:
+        say(f"- {sentence}")
     if run is not None and run.outcome == "done":
         seen = f", and {run.seen} of {run.promised} predicted images showed what they should" if run.promised else ""
         say(f"`{made.task}` was run once in the simulated cell: done after {run.time:.1f} s{seen}.")
