@@ -22,7 +22,7 @@ from sqrp_cli.motion.collision import CollisionScene
 from sqrp_cli.motion.plan_motion import MEASURED, Motion, TimedPrimitive
 from sqrp_cli.recording.episode import Episode, Recording
 from sqrp_cli.recording.joint_map import JointMap, grasps_of
-from sqrp_cli.recording.phases import phases
+from sqrp_cli.recording.phases import Grasp, phases
 from sqrp_cli.recording.recording import open_recording
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel
@@ -31,7 +31,7 @@ from sqrp_cli.skill.skill import SkillChoice
 from sqrp_cli.trajectory import JointPath, PiecewiseCubic, Trajectory
 
 REACH = 0.05
-"""Farther than this from the tool frame, an object is not what the tool grasps [m]."""
+"""Farther than this from the tool frame, an object is not what the tool grasps: it closes on nothing [m]."""
 SPEED_OVER, CONTACT_STEP = 0.05, 0.01
 """Times [s] over which speeds of recorded joints are measured, and between instants at which contacts are looked for.
 """
@@ -46,6 +46,15 @@ def opened(file: Path) -> Recording:
 @lru_cache(maxsize=2)
 def _episode(file: Path, number: int) -> Episode:
     return opened(file).read(number)
+
+
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """A grasp with the object that it takes, if that is known, and its pose in the tool frame, shape (4, 4)."""
+
+    grasp: Grasp
+    name: str | None = None
+    X_TO: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,32 +84,36 @@ class RecordedMotions:
         X_WO = dict(world.X_WO)
         stated = {name: one.pose.matrix() for name, one in self.task.objects.items() if one.pose is not None}
         X_WO |= {name: read_only(X) for name, X in stated.items()}
-        holds: dict[int, tuple[str, Array]] = {}  # the object of a grasp with its pose in the tool frame
-        before, initial = dict(X_WO), dict(X_WO)
-        for index, grasp in enumerate(grasps):
-            if (name := self.task.held_in(index, grasp.start)) is None:
-                continue
+        before, initial, taken, missed = dict(X_WO), dict(X_WO), list[_Held](), list[str]()
+        for grasp in grasps:
+            name = self.task.held_in(len(taken), grasp.start)
             X_WT = model.tool_pose(positions(grasp.start))
+            if name is None:
+                taken.append(_Held(grasp))
+                continue
             if name not in before:
                 yaw = float(np.arctan2(X_WT[1, 0], X_WT[0, 0]))
                 before[name] = initial[name] = read_only(pose(rpy_to_matrix((0.0, 0.0, yaw)), X_WT[:3, 3]))
             away = np.abs(transform(inverse(before[name]), X_WT[:3, 3])) - 0.5 * np.array(self.objects[name].size)
             if (far := float(np.linalg.norm(np.maximum(away, 0.0)))) > REACH:
-                where = f"the tool is {far:.2f} m from where `{name}` should be"
-                return Infeasible((f"at {grasp.start:.1f} s something is grasped, but {where}",))
-            holds[index] = name, read_only(inverse(X_WT) @ before[name])
-            if grasp.end is not None:
-                before[name] = read_only(model.tool_pose(positions(grasp.end)) @ holds[index][1])
+                missed.append(f"at {grasp.start:.1f} s the gripper closes {far:.2f} m away from `{name}`")
+                continue
+            taken.append(_Held(grasp, name, read_only(inverse(X_WT) @ before[name])))
+            if grasp.end is not None and (X_TO := taken[-1].X_TO) is not None:
+                before[name] = read_only(model.tool_pose(positions(grasp.end)) @ X_TO)
+        if self.task.objects and missed and not any(one.name for one in taken):
+            return Infeasible(tuple(missed))
         if missing := [name for name in self.task.objects if name not in initial]:
             return Infeasible((f"nothing is grasped in it, so it is not known where `{missing[0]}` is",))
 
         rest, primitives = dict(initial), list[TimedPrimitive]()
         held, X_TO = None, None
-        for phase in phases(grasps, float(t[-1])):
-            held, X_TO = holds.get(phase.grasp, (None, None)) if phase.name.startswith("carry") else (None, None)
-            if phase.name.startswith("release") and phase.grasp in holds:
-                taken, X = holds[phase.grasp]
-                rest = {**rest, taken: read_only(model.tool_pose(positions(phase.start)) @ X)}
+        for phase in phases([one.grasp for one in taken], float(t[-1])):
+            own = taken[phase.grasp] if taken else None
+            carries = own is not None and phase.name.startswith("carry")
+            held, X_TO = (own.name, own.X_TO) if own is not None and carries else (None, None)
+            if own is not None and own.name and own.X_TO is not None and phase.name.startswith("release"):
+                rest = {**rest, own.name: read_only(model.tool_pose(positions(phase.start)) @ own.X_TO)}
             inside = (t > phase.start + 1e-9) & (t < phase.end - 1e-9)
             times = np.concatenate([[phase.start], t[inside], [phase.end]])
             knots = np.concatenate([positions(phase.start)[None], q[inside], positions(phase.end)[None]])

@@ -153,7 +153,8 @@ def with_verdict(cell: Cell, seen: Observed, result: CandidateResult) -> Candida
     remarks = [candidate.skill.in_pieces(one) for one in seen.planned.motion.remarks]
     if (stretch := longest_blind_spot(cell, seen)) is not None:
         stated = any(not parameter.implicit for parameter in candidate.skill.motion_parameters)
-        all_tried = candidate.branch or not (candidate.skill.waypoints or stated)
+        may_vary = candidate.skill.recorded is None and (candidate.skill.waypoints or stated)
+        all_tried = candidate.branch or not may_vary
         blind_spot = str(stretch)
         remedy = stretch.remedy.removesuffix(_OTHER_WAY) if all_tried else stretch.remedy
     sentences = ("; ".join(filter(None, (blind_spot, remedy))), remarks and f"On the way {', '.join(remarks)}")

@@ -212,7 +212,7 @@ def print_infeasible(found: Iterable[tuple[str, Mapping[str, str], str]]) -> Non
         general = reason
         for parameter, bound in objects.items():
             general = re.sub(rf"(?<![\w-]){re.escape(bound)}(?![\w-])", f"<{parameter}>", general)
-        groups.setdefault(general, []).append((name, " ".join(objects.values()), reason))
+        groups.setdefault(general, []).append((name, " ".join(objects.values()) or name, reason))
     for general, group in groups.items():
         named, reasons = list(dict.fromkeys(each for _, each, _ in group)), {reason for _, _, reason in group}
         who = ", ".join(named[:MOST_NAMED])
