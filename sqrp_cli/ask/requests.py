@@ -172,6 +172,12 @@ class ExplainRequest(TaskRequest):
         values.count(1),
         default=None,
     )
+    windows: float | None = option(
+        "--windows TIME",
+        "When does a camera have all in free view for so long, such as 500 ms, and what would open such a window?",
+        values.seconds,
+        default=None,
+    )
     max_time: TimeLimit | str | float | None = MAX_TIME
 
 

@@ -103,6 +103,8 @@ def _why_not(start: Start, kind: Kind) -> str:
     unready = impossible_start(question.cell, first, question.world, contacts=False)  # whatever is changed in it
     if unready is not None:
         return first.skill.in_pieces(unready.reasons[0])
+    if kind in MOTION and question.way.skill.recorded is not None:
+        return "not tried, as a recorded motion is what it was"
     if kind in MOTION or kind == "object":
         return "not tried, as the way is fixed" if question.fixed and kind in MOTION else ""
     before = figures_of(question.way, start.analysis)

@@ -44,6 +44,9 @@ class Session:
     again: int = 0
     """How many of the last steps of the program that is written are of this task already: they are replaced."""
 
+    windows: float | None = None
+    """How long a camera needs a free view, if that is asked for [s]."""
+
     @property
     def cell(self) -> Cell:
         """The cell."""
@@ -81,7 +84,7 @@ class Session:
         job = ask.job(cell, world)
         if job.wanted.fastest:
             task = replace(task, candidates=tuple(map(first_grip, task.candidates)))
-        return cls(task, job, again)
+        return cls(task, job, again, getattr(ask, "windows", None))
 
     def ranking(self, found: Sequence[CandidateResult], ask: RankRequest, *, interrupted: bool = False) -> Ranking:
         """What is found of the candidates, ranked; interrupted: whether some are missing."""
@@ -118,7 +121,7 @@ class Session:
 
     def explanation(self, explained: Explained, ranking: Sequence[CandidateResult], **step: object) -> Explanation:
         """What is found about one candidate of a ranking; step: fields of the document, if it is one of several."""
-        analysis = analysis_shown(self.cell, explained.analysis, explained.result, self.job.sampling)
+        analysis = analysis_shown(self.cell, explained.analysis, explained.result, self.job.sampling, self.windows)
         about = {
             "workspace": self.cell.workspace.name,
             "task": self.task.text,
@@ -279,7 +282,7 @@ def explained(workspace: str, session: Session, ask: ExplainRequest) -> Explanat
     if choose is not None:
         return session.explanation(found[0], ranking, **place)
     sampling = session.job.sampling
-    analyses = [analysis_shown(session.cell, one.analysis, one.result, sampling) for one in found]
+    analyses = [analysis_shown(session.cell, one.analysis, one.result, sampling, session.windows) for one in found]
     return ExplainedAll(workspace=workspace, task=ask.task, candidates=analyses, explained=found, ranking=ranking)
 
 

@@ -35,14 +35,22 @@ from sqrp_cli.study.pipeline import sampling_done
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.robustness import Expectation, expectation, without_each_camera
 from sqrp_cli.study.sampling import Sampling
+from sqrp_cli.study.windows import free_views
 
 
 def analysis_shown(
-    cell: Cell, analysis: Analysis | None, found: CandidateResult, sampling: Sampling, *, brief: bool = False
+    cell: Cell,
+    analysis: Analysis | None,
+    found: CandidateResult,
+    sampling: Sampling,
+    needed: float | None = None,
+    *,
+    brief: bool = False,
 ) -> ExplainedCandidate:
     """A candidate with everything computed about it; analysis: None if it is infeasible.
 
-    brief: without who is in the way and the verdicts of single boxes, which take most of the time.
+    needed: how long a camera needs a free view, if that is asked for [s]. brief: without who is in the
+    way and the verdicts of single boxes, which take most of the time.
     """
     if analysis is None:
         return ExplainedCandidate(**vars(found))
@@ -87,6 +95,7 @@ def analysis_shown(
         samples=_samples(cell, analysis, views),
         unseen_times=cause_totals(cell, analysis),
         coverage=coverage,
+        windows=None if needed is None else free_views(cell, analysis, needed),
         coverage_causes=causes,
         hidden=() if views is None else in_the_way(cell, analysis, views),
         to_move=() if views is None else to_move(cell, analysis, views),

@@ -15,6 +15,7 @@ from sqrp_cli.logic.image_time import Window
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import HidingPart, Reason
 from sqrp_cli.study.result import CandidateResult, HiddenTarget, SamplingDone, UnseenTime
+from sqrp_cli.study.windows import FreeViews
 
 if TYPE_CHECKING:
     from sqrp_cli.camera.camera import Camera
@@ -249,6 +250,8 @@ class ExplainedCandidate(CandidateResult):
     as far as it must be seen then."""
     coverage_causes: Sequence[UnseenTime] = field(default=(), metadata=LEFT_OUT)
     """What takes most of the time in which it does not."""
+    windows: FreeViews | None = field(default=None, metadata=LEFT_OUT)
+    """With `--windows`."""
     hidden: Sequence[HiddenTarget] = ()
     """Who is in the way: of each literal, from each camera that it is hidden from."""
     to_move: Sequence[HidingPart] = ()

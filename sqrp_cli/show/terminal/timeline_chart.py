@@ -16,6 +16,7 @@ from sqrp_cli.show.terminal.console import (
     Column,
     Styled,
     joined,
+    numbers,
     output,
     print_table,
     say,
@@ -111,6 +112,15 @@ def print_explanation(found: Explanation) -> None:
         say()
         print_table([*columns, *(Column(one.name, right=True) for one in found.phases)], _said_once(shown))
     _print_unseen(found, says)
+    if found.windows is not None:
+        say(f"\n{found.windows.words}", "bold")
+        rows = [
+            (one.cameras[0], f"{one.start:.2f}", f"{one.end:.2f}", f"{one.end - one.start:.2f}")
+            for one in found.windows.found
+        ]
+        print_table([Column("camera"), *numbers("from [s]", "to [s]", "lasts [s]")], rows)
+        longest = ", ".join(f"{name} {length:.2f} s" for name, length in found.windows.longest.items())
+        say(f"Longest free view of all that must be seen: {longest}.")
     if found.hidden:
         say()
         columns = [
