@@ -15,7 +15,6 @@ from sqrp_cli.camera.detector import Detector
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.errors import Place, expected_names
 from sqrp_cli.files.entries import AnyQuantity, Entry, Extents, MappingOr, Name, Pose, Text, refused
-from sqrp_cli.files.frames import AT_START, TOOL
 from sqrp_cli.files.source import SourceDocument, describe, dotted
 from sqrp_cli.files.units import LONGEST, TIME, Quantity, read_quantity
 from sqrp_cli.geometry import pose, read_only
@@ -24,14 +23,13 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import Box, Part
 from sqrp_cli.skill.read_skill import SkillReader
 from sqrp_cli.skill.skill import MOST_ENTRIES, FormulaEntry, FormulaOrText, Skill, SkillFile
-from sqrp_cli.skill.target_box import JAWS, TargetSpec
+from sqrp_cli.skill.target_box import JAWS, TargetSpec, usual_targets
 
 GRASP_PHASES = ("approach", "grasp", "carry", "release", "retreat")
 """The phases around a grasp, in order; of the second grasp of an episode they are called `approach2` and so on."""
 EPISODE = "episode"  # the whole episode as an interval of formulas, and the parameter of candidates
 USUAL_SIZE = 0.03  # of an object whose size is not stated, along each axis [m]
 MOST_OBJECTS, MOST_RECORDINGS = 50, 50
-JAWS_SIZE = [0.04, 0.04, 0.04]  # of the box at the tool frame in which jaws are watched [m]
 SIGHT = "sight"
 USUAL_DETECTORS = {
     SIGHT: Detector(kind="color", distance=(0.01, 100.0), max_incidence=pi, min_pixels=8.0, min_visible=0.5)
@@ -200,12 +198,6 @@ def recorded_task(
         if one not in known
     ]
     detector = entry.detector or (detectors[0] if len(detectors) == 1 else SIGHT)
-    # Jaws and objects are predicates without arguments, seen where they are; `hold(cube)` and `place(cube)` have one.
-    boxes: dict[str, dict[str, object]] = {JAWS: {"frame": TOOL, "size": JAWS_SIZE, "encloses": [TOOL, *objects]}}
-    boxes |= {one: {"frame": one, "fits": one} for one in objects}
-    if first := next(iter(objects), None):
-        boxes["hold"] = {"frame": TOOL, "fits": first, "at": "grasp", "encloses": [first]}
-        boxes["place"] = {"frame": f"{first}{AT_START}", "fits": first}
     uses = [Holds(predicate, ()) for predicate in (*known, *entry.targets)]
     uses += [Holds(predicate, (one,)) for predicate in ("hold", "place") for one in objects]
     signatures = {use.predicate: Signature(use.predicate, tuple(map(Parameter, use.terms))) for use in uses}
@@ -226,14 +218,13 @@ def recorded_task(
             for one in objects
         }
     phases = [{"name": phase, "does": phase, "wait": 0.0} for phase in (EPISODE, *GRASP_PHASES)]
-    usual = {one: {"boxes": [{"name": one, "detector": detector, **box}]} for one, box in boxes.items()}
     said = SkillFile.model_validate(
         {
             "waypoints": {"grasp": {"pose": {}}},  # that of what is held, which its motion tells
             "primitives": phases,
             "formulas": formulas,
             "faults": faults,
-            "targets": {**usual, **entry.targets},
+            "targets": {**usual_targets([*objects], detector), **entry.targets},
         }
     )
     skill = SkillReader(part, said, domain, action, problems).read(document.folder / name)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import field, replace
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated
@@ -66,7 +66,7 @@ class ExpectedTask(FileRecord):
     """Longest duration."""
     max_delay: LongestTime | None = None
     """Longest time until a fault is noticed."""
-    min_phases: Mapping[Name, Share] = field(default_factory=dict)
+    min_phases: Mapping[Name, Share] | None = None
     """Of a recording: the same of phases, such as `{grasp: 95 %}`, in every episode."""
     feasible: bool | None = None
     """Whether a feasible candidate is expected at all."""

@@ -39,18 +39,18 @@ class JointMap:
         if not stated:
             message = f"none of the names in {task.entry.file} is a joint: {first_names(names)}"
             mend = f"say under `joints` which is which, such as `{names[0]}: {joints[0]}`"
-            raise bad_input("unmapped-joints", message, place, mend=mend)
+            raise bad_input("unknown-joint", message, place, mend=mend)
         columns, scales, offsets = dict[str, int](), dict[str, float](), dict[str, float]()
         for name, said in stated.items():
             entry = RecordedJointEntry(joint=said) if isinstance(said, str) else said
             if name not in names:
                 message = f"{task.entry.file} has no numbers called `{name}`; {expected_names(name, names)}"
-                raise bad_input("unmapped-joints", message, task.place("joints", name))
+                raise bad_input("unknown-joint", message, task.place("joints", name))
             unit = recording.units.get(name, "")
             if entry.scale is None and unit == "percent":
                 message = f"`{name}` is in percent of a calibrated range, which says nothing about angles by itself"
                 mend = "state `scale` and `offset`: the angle of 1 percent, and that where it says 0"
-                raise bad_input("unmapped-joints", message, task.place("joints", name), mend=mend)
+                raise bad_input("unknown-joint", message, task.place("joints", name), mend=mend)
             columns[entry.joint] = names.index(name)
             usual = radians(1.0) if unit == "deg" else 1.0
             scales[entry.joint] = usual if entry.scale is None else entry.scale.value
@@ -95,7 +95,7 @@ def grasps_of(
     else:
         known = [*mapped.columns, *recording.names]
         message = f"`{name}` is no joint that {task.entry.file} moves, and no name in it; {expected_names(name, known)}"
-        raise bad_input("unmapped-joints", message, task.place("gripper", "joint"))
+        raise bad_input("unknown-joint", message, task.place("gripper", "joint"))
     limit, sign = gripper.closed_below, 1.0
     if limit is None:
         assert gripper.closed_above is not None  # noqa: S101 - the entry has one of the two

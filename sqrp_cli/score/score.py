@@ -181,7 +181,7 @@ def _task_score(workspace: str, task: ScoredTask, computer: Computer) -> TaskSco
         task.expected,
         "" if best else f"{first.candidate.name}: {first.candidate.skill.in_pieces(first.reasons[0])}",
     )
-    for phase, least in task.expected.min_phases.items():
+    for phase, least in (task.expected.min_phases or {}).items():
         of_phase = [(one, seen) for one in ranking for seen in one.phases if seen.name.rstrip(digits) == phase]
         short = [(one, seen) for one, seen in of_phase if seen.seen is not None and falls_short(seen.seen, least)]
         if short:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import replace
 from typing import Annotated, Any, Self
 
@@ -21,6 +21,7 @@ UnitVector = Annotated[Direction, AfterValidator(lambda vector: tuple((vector / 
 
 JAWS = "jaws"
 """What recordings watch at the tool frame: where the tool takes hold of things."""
+_JAWS_SIZE = [0.04, 0.04, 0.04]  # of the box around that [m]
 
 
 class BoxSpec(Entry):
@@ -67,6 +68,16 @@ class TargetSpec(Entry):
     cameras: Annotated[int, Field(strict=True, ge=1, le=200)] = 1
     """How many cameras must each see all boxes."""
     boxes: list[BoxSpec] = Field(min_length=1, max_length=20, description="All of them decide it together.")
+
+
+def usual_targets(objects: Sequence[str], detector: str) -> dict[str, dict[str, list[dict[str, object]]]]:
+    """What recordings watch, by predicate: jaws and objects where they are, `hold` and `place` of each object."""
+    boxes: dict[str, dict[str, object]] = {JAWS: {"frame": TOOL, "size": _JAWS_SIZE, "encloses": [TOOL, *objects]}}
+    boxes |= {one: {"frame": one, "fits": one} for one in objects}
+    if objects:  # stands for each of them
+        boxes["hold"] = {"frame": TOOL, "fits": objects[0], "at": "grasp", "encloses": [objects[0]]}
+        boxes["place"] = {"frame": f"{objects[0]}{AT_START}", "fits": objects[0]}
+    return {name: {"boxes": [{"name": name, "detector": detector, **box}]} for name, box in boxes.items()}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -61,14 +61,14 @@ def guess_joints(
         if len(names) > 1:
             message = f"{first_names(names)} may each be joint `{joint}`: two arms, or states and commands of one"
             mend = "keep the columns of one arm in the file, or write `recordings` with `joints` yourself"
-            raise bad_input("two-arms", message, Place(recording.path), mend=mend)
+            raise bad_input("ambiguous-name", message, Place(recording.path), mend=mend)
     pairs = {joint: names[0] for joint, names in found.items()}
     if not pairs and len(recording.names) == len(limits):
         pairs = dict(zip(limits, recording.names, strict=True))  # in their order
     if not pairs:
         message = f"none of its names is a joint of the robot: {first_names(recording.names)}"
         known = f"joints are {first_names([*limits])}"
-        raise bad_input("unmapped-joints", f"{message}; {known}", Place(recording.path), mend="name its robot")
+        raise bad_input("unknown-joint", f"{message}; {known}", Place(recording.path), mend="name its robot")
     spans = {joint: numbers[:, recording.names.index(name)] for joint, name in pairs.items()}
     stated = {joint: recording.units.get(name, "") for joint, name in pairs.items()}
     turning = [joint for joint in pairs if joint != jaw and joint not in slides]
