@@ -43,11 +43,6 @@ def opened(file: Path) -> Recording:
     return open_recording(file)
 
 
-@lru_cache(maxsize=2)
-def _episode(file: Path, number: int) -> Episode:
-    return opened(file).read(number)
-
-
 @dataclass(frozen=True, eq=False)
 class _Held:
     """A grasp with the object that it takes, if that is known, and its pose in the tool frame, shape (4, 4)."""
@@ -66,13 +61,20 @@ class RecordedMotions:
     """Those of the cell."""
     fingers: Fingers | None
 
+    def frames(self, choice: SkillChoice) -> Array:
+        """The times of the frames of an episode, shape (T,) [s]. Raises InputError."""
+        return self._episode(choice).times
+
+    def _episode(self, choice: SkillChoice) -> Episode:
+        number, count = int(choice.values[EPISODE]), len(opened(self.task.file).episodes)
+        if not 0 <= number < count:
+            message = f"there is no episode {number} in {self.task.entry.file}; expected 0 to {count - 1}"
+            raise bad_input("unknown-candidate", message)
+        return opened(self.task.file).read(number)
+
     def motion(self, choice: SkillChoice, world: World, model: RobotModel) -> Motion | Infeasible:
         """The motion of an episode; world: has the objects and joints that it does not tell. Raises InputError."""
-        recording, number = opened(self.task.file), int(choice.values[EPISODE])
-        if not 0 <= number < len(recording.episodes):
-            known = f"expected 0 to {len(recording.episodes) - 1}"
-            raise bad_input("unknown-candidate", f"there is no episode {number} in {self.task.entry.file}; {known}")
-        episode = _episode(self.task.file, number)
+        recording, episode = opened(self.task.file), self._episode(choice)
         mapped = JointMap.of(self.task, recording, model.joints)
         q, t = mapped.positions(episode, model.joints, world.joints), episode.times
         grasps = grasps_of(self.task, recording, mapped, episode, self.fingers)

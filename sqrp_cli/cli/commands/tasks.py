@@ -102,6 +102,11 @@ def _rank(
     ),
     choose: str = requests.CHOOSE,
     all_rows: bool = flag("--all", "Show all candidates, also of a long ranking."),
+    parquet: Path | None = option(
+        "--parquet FILE",
+        "Of a recording: a row per frame, camera and target, with the visible share and the cause.",
+        values.path,
+    ),
     report: Path | None = requests.REPORT,
     watch: bool = requests.WATCH,
     seed: int = requests.SEED,
@@ -117,7 +122,12 @@ def _rank(
     if watch:
         return watched({"--json": json, "--program": program})
     workspace, after = start_of(workspace, ask.after)
-    check_distinct({"--program": program, "--report": report})
+    check_distinct({"--program": program, "--report": report, "--parquet": parquet})
+    if parquet is not None:
+        from sqrp_cli.show.documents.frames import check_parquet, write_frames
+
+        check_parquet()
+        check_writable(parquet)
     if program is not None:
         check_writable(program)
     opened = open_to_write(workspace, seed, [program, after], {"--report": report})
@@ -151,6 +161,9 @@ def _rank(
         if not page_is_written(report, write, jobs=ask.jobs, progress=progress):
             code = ExitCode.INTERRUPTED
     answer(ranking, as_json=json, all_rows=all_rows)
+    if parquet is not None:
+        rows = write_frames(cell, world, session.task.candidates, parquet)
+        note(f"{parquet} has {rows:,} rows: a frame, camera and target each")
     if message:
         note(message)
     hopeless = not json and ranking.best is None
