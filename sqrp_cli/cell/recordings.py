@@ -191,10 +191,11 @@ def recorded_task(
     at = ("recordings", name)
     part, objects = document.part(at), recorded_objects(entry)
     known = [JAWS, *objects]
-    watched = list(dict.fromkeys(known if entry.watch is None else entry.watch))
+    asked = list(dict.fromkeys(known if entry.watch is None else entry.watch))
+    watched = [one for one in asked if one in known]
     problems = [
         document.problem("unknown-object", (*at, "watch"), f"found `{one}`; {expected_names(one, known)}")
-        for one in watched
+        for one in asked
         if one not in known
     ]
     detector = entry.detector or (detectors[0] if len(detectors) == 1 else SIGHT)

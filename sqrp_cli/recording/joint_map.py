@@ -93,7 +93,7 @@ def grasps_of(
     elif name in recording.names:
         numbers = episode.values[:, recording.names.index(name)]
     else:
-        known = [*mapped.columns, *recording.names]
+        known = {*mapped.columns, *recording.names}
         message = f"`{name}` is no joint that {task.entry.file} moves, and no name in it; {expected_names(name, known)}"
         raise bad_input("unknown-joint", message, task.place("gripper", "joint"))
     limit, sign = gripper.closed_below, 1.0

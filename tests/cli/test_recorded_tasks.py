@@ -1,0 +1,198 @@
+"""Recordings are tasks: every command works on their episodes, with the figures of the motions that were recorded."""
+
+from __future__ import annotations
+
+import csv
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sqrp_cli.ask.api.cell import OpenCell, open_cell
+from sqrp_cli.ask.api.new_cell import new_cell
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.errors import InputError
+from sqrp_cli.motion.plan_motion import Motion
+from sqrp_cli.motion.recorded_motion import opened
+from sqrp_cli.show.documents.frames import write_frames
+from sqrp_cli.study.sampling import FixedStep
+from sqrp_cli.task.feasibility import feasible_motion
+from sqrp_cli.task.grips import first_grip
+from sqrp_cli.task.task import read_task
+from tests.cells import shipped_cell, write_cell
+
+PICKUP, STEP = "pickup g2", 0.01
+USUAL = {"file": "data", "detector": "color", "objects": {"g2": {}}}
+
+
+def written(motion: Motion, path: Path, shift: float = 0.0, holds: float = np.inf) -> None:
+    """A motion as a table with a row every 10 ms and at the ends of its primitives; shift: of its first joint [rad].
+
+    holds: until when the table says what the tool holds [s].
+    """
+    ends = [one.end for one in motion.primitives]
+    times = np.unique(np.concatenate([np.arange(0.0, motion.time, STEP), ends]))
+    with path.open("w", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(["time", *(f"position_{name}" for name in motion.joint_names), "held"])
+        for t in times.tolist():
+            index = min(int(np.searchsorted(ends, t, side="right")), len(ends) - 1)
+            q = motion.positions(index, np.array([t]))[0] + shift * np.eye(len(motion.joint_names))[0]
+            table.writerow([repr(t), *map(repr, q.tolist()), motion.primitives[index].held if t < holds else ""])
+
+
+@pytest.fixture(scope="module")
+def planned() -> tuple[OpenCell, Motion, Any]:
+    """The shipped cell with a planned motion."""
+    cell = open_cell("workspaces/tabletop")
+    way = first_grip(read_task(PICKUP, cell.workspace).candidates[0])
+    motion = feasible_motion(cell.cell, way, cell.cell.initial_world)
+    assert isinstance(motion, Motion)
+    return cell, motion, way
+
+
+@pytest.fixture(scope="module")
+def recorded(planned, tmp_path_factory) -> OpenCell:
+    """The cell with three recorded episodes: the motion, one that breaks limits, and one in which nothing is held."""
+    folder = tmp_path_factory.mktemp("recorded")
+    (folder / "data").mkdir()
+    for name, how in (("0", {}), ("1", {"shift": 2 * np.pi}), ("2", {"holds": 0.0})):
+        written(planned[1], folder / "data" / f"{name}.csv", **how)
+    ends = {one.name: one.end - one.start for one in planned[1].primitives}
+    asked = f"always[approach.start, grasp.end - {ends['a3']!r}] (not hold(g2) and place(g2))"
+    slip = f"eventually[carry.start, carry.start + {ends['a4']!r}] (not hold(g2) and place(g2))"
+    same = {
+        **USUAL,
+        "formulas": [asked, "always[carry.start, carry.end] (hold(g2) and not place(g2))"],
+        "faults": {"slip": {"formula": slip}},
+    }
+    tasks = [{"task": "demo", "min_phases": {"carry": 0.1}}, {"task": "demo", "min_phases": {"carry": 1.0}}]
+    write_cell({**shipped_cell("tabletop"), "recordings": {"demo": USUAL, "same": same}, "tasks": tasks}, folder)
+    return open_cell(folder)
+
+
+def test_a_recorded_motion_has_the_figures_of_the_motion(planned, recorded):
+    cell, _, way = planned
+    before = cell.rank(PICKUP, ways="first", sampling=FixedStep(STEP)).candidates[0]
+    (found,) = recorded.rank("same episode=0", sampling=FixedStep(STEP)).candidates
+    assert way.binding == {"object": "g2"}
+    for figure in ("time", "q_avg", "q_eoi", "t_total", "t_eoi"):
+        assert getattr(found, figure) == pytest.approx(getattr(before, figure), abs=1e-6)
+    assert found.parameters == {"episode": 0.0}
+    now, then = found.faults["slip"], before.faults["slip"]
+    assert (now.delay_mean, now.delay_worst) == pytest.approx((then.delay_mean, then.delay_worst), abs=1e-3)
+
+
+def test_episodes_are_ranked_and_one_without_a_grasp_still_has_its_object(recorded):
+    ranking = recorded.rank("demo")
+    assert len(ranking.feasible) == 3
+    by_name = {one.name: one for one in ranking.candidates}
+    assert [one.name for one in by_name["episode 0"].phases] == ["approach", "grasp", "carry"]
+    assert [one.name for one in by_name["episode 2"].phases] == ["approach"]
+    assert by_name["episode 2"].q_eoi is None
+    worst = recorded.rank("demo", worst=True)
+    assert [one.name for one in worst.candidates] == [one.name for one in ranking.candidates][::-1]
+    assert [one.rank for one in worst.candidates] == [3, 2, 1]
+    assert worst.best.name == ranking.best.name
+
+
+def test_an_explanation_has_what_cameras_see_of_each_phase_and_free_views(recorded):
+    found = recorded.explain("demo episode=0", windows=0.5)
+    samples = found.samples
+    for atom, cameras in found.coverage.items():
+        for camera, phases in cameras.items():
+            for phase in (one for one in found.phases if one.name in phases):
+                seen = total = 0.0
+                for one, other in pairwise(samples):  # by the trapezium rule, from the document alone
+                    said = [s.literals.get(atom) or s.literals.get(f"not {atom}") for s in (one, other)]
+                    if phase.start <= one.t and other.t <= phase.end and None not in said:
+                        total += other.t - one.t
+                        seen += 0.5 * (other.t - one.t) * sum(s.cameras[camera].covered for s in said)
+                assert phases[phase.name] == pytest.approx(seen / total, abs=1e-9)
+    for window in found.windows.found:
+        inside = [one for one in samples if window.start <= one.t <= window.end]
+        assert window.end - window.start >= 0.5
+        assert all(one.cameras[window.cameras[0]].covered for each in inside for one in each.literals.values())
+    longest = max(found.windows.longest.values())
+    never = recorded.explain("demo episode=0", windows=longest + 1.0).windows
+    assert not never.found
+    assert never.wait.end - never.wait.start == pytest.approx(longest)
+    assert "wait 1000 ms" in never.words
+
+
+def test_a_recorded_motion_is_checked_like_a_planned_one(recorded):
+    found = {one.parameters["episode"]: one for one in recorded.check("demo").candidates}
+    assert found[0].feasible
+    assert not found[1].feasible
+    assert "joint `shoulder_pan_joint` goes past its limit, by up to" in found[1].reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("task", "how", "says"),
+    [
+        ("demo", {"ways": "all"}, "each episode is done in one way only"),
+        ("demo", {"max_time": 3.0}, "its episodes take as long as they took"),
+        ("demo", {"after": "program.yaml"}, ""),
+        ("demo then pickup g1", {}, "a task of its own and no step"),
+        ("demo episode=7", {}, "there is no episode 7"),
+    ],
+)
+def test_what_makes_no_sense_of_a_recording_is_refused(recorded, task, how, says):
+    with pytest.raises(InputError) as refused:
+        recorded.rank(task, **how)
+    assert says in str(refused.value)
+
+
+def test_phases_have_thresholds_and_programs_know_no_recordings(planned, recorded):
+    passed, failed = recorded.score().results
+    assert (passed.status, failed.status) == ("passed", "failed")
+    assert "time seen of carry" in failed.reasons[0]
+    assert recorded.workspace.digest == planned[0].workspace.digest
+
+
+def test_frames_are_a_table(recorded, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    task, cell = read_task("demo episode=0", recorded.workspace), recorded.cell
+    rows = write_frames(cell, cell.initial_world, task.candidates, tmp_path / "frames.parquet")
+    table = parquet.read_table(tmp_path / "frames.parquet").to_pylist()
+    frames = len(opened(recorded.workspace.recordings["demo"].file).read(0).times)
+    assert rows == len(table) == frames * 3 * len(recorded.workspace.cameras)
+    assert all(one["visible"] is None or one["visible"] >= 0.5 for one in table if one["cause"] is None)
+    shares = recorded.explain("demo episode=0").coverage["hold(g2)"]
+    for camera, phases in shares.items():
+        own = [
+            one["cause"] is None
+            for one in table
+            if (one["camera"], one["target"], one["phase"]) == (camera, "hold(g2)", "carry")
+        ]
+        assert np.mean(own) == pytest.approx(phases["carry"], abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("entry", "says"),
+    [
+        ({"watch": ["jaw"]}, "did you mean `jaws`?"),
+        ({"objects": {"g2": {"held": ["grasp", "release2"]}}}, "expected [grasp, release]"),
+        ({"joints": {"j1": "shoulder_pan_joint"}}, "no numbers called `j1`"),
+        ({"gripper": {"joint": "vacum", "closed_above": 1}}, "`vacum` is no joint"),
+        ({"formulas": ["always[lift.start, 4] jaws"]}, "no primitive action `lift`"),
+        ({"file": "nowhere.csv"}, "nowhere.csv"),
+    ],
+)
+def test_entries_that_do_not_fit_are_refused_in_one_message(recorded, tmp_path, entry, says):
+    data = str(recorded.workspace.recordings["demo"].file)
+    write_cell({**shipped_cell("tabletop"), "recordings": {"demo": {**USUAL, "file": data, **entry}}}, tmp_path)
+    with pytest.raises(InputError) as refused:
+        open_cell(tmp_path).rank("demo")
+    assert says in refused.value.problems[0].message or says in str(refused.value)
+    assert len(refused.value.problems) == 1
+
+
+def test_a_first_workspace_comes_from_a_recording(planned, tmp_path):
+    written(planned[1], tmp_path / "taught.csv")
+    made = new_cell(tmp_path / "cell", robot="ur5", recording=tmp_path / "taught.csv")
+    assert "`elbow_joint` is joint `elbow_joint`" in " ".join(made.told)
+    assert load_workspace(tmp_path / "cell").recordings["demo"].objects.keys() == {"part"}
+    assert open_cell(tmp_path / "cell").rank(made.task).best.time == pytest.approx(planned[1].time)
