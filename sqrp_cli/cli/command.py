@@ -35,6 +35,7 @@ FIRST = {
     "run": "sim robot fault record report",
     "score": "baseline save-baseline junit summary report",
     "diff": "allow json",
+    "init": "robot urdf gripper recording",
 }
 """The options that matter most, of commands with many."""
 

@@ -23,7 +23,6 @@ from sqrp_cli.motion.plan_motion import MEASURED, Motion, TimedPrimitive
 from sqrp_cli.recording.episode import Episode, Recording
 from sqrp_cli.recording.joint_map import JointMap, grasps_of
 from sqrp_cli.recording.phases import Grasp, phases
-from sqrp_cli.recording.recording import open_recording
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.robot import Fingers
@@ -40,6 +39,8 @@ SPEED_OVER, CONTACT_STEP = 0.05, 0.01
 @lru_cache(maxsize=4)
 def opened(file: Path) -> Recording:
     """A recording, opened once."""
+    from sqrp_cli.recording.recording import open_recording  # few workspaces have any, and formats are many
+
     return open_recording(file)
 
 

@@ -16,7 +16,6 @@ from sqrp_cli.files import units
 from sqrp_cli.files.units import expected_quantity, read_quantity
 from sqrp_cli.logic.conditions import rules_out
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.motion.recorded_motion import RecordedMotions, opened
 from sqrp_cli.skill.settings import MotionParameter, MotionValue
 from sqrp_cli.skill.skill import JointMove, Skill, named_skill
 from sqrp_cli.task.candidate import Candidate as Candidate
@@ -109,6 +108,8 @@ def recorded_skill(task: RecordedTask, workspace: Workspace) -> Skill:
 
     Its task has every episode as a candidate.
     """
+    from sqrp_cli.motion.recorded_motion import RecordedMotions, opened  # few workspaces have any
+
     numbers = tuple(map(float, range(len(opened(task.file).episodes))))
     motions = RecordedMotions(task, workspace.objects, workspace.robot.fingers)
     return replace(task.skill, motion_parameters=(MotionParameter(EPISODE, numbers),), recorded=motions)

@@ -35,7 +35,6 @@ from sqrp_cli.study.pipeline import sampling_done
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.robustness import Expectation, expectation, without_each_camera
 from sqrp_cli.study.sampling import Sampling
-from sqrp_cli.study.windows import free_views
 
 
 def analysis_shown(
@@ -68,6 +67,11 @@ def analysis_shown(
         )
         for target in planned.targets
     }
+    free = None
+    if needed is not None:
+        from sqrp_cli.study.windows import free_views
+
+        free = free_views(cell, analysis, needed)
     coverage, causes = coverage_by_phase(cell, analysis) if found.phases else (None, ())
     does = {primitive.name: primitive.words for primitive in planned.candidate.skill.primitives}
     sights = {}
@@ -95,7 +99,7 @@ def analysis_shown(
         samples=_samples(cell, analysis, views),
         unseen_times=cause_totals(cell, analysis),
         coverage=coverage,
-        windows=None if needed is None else free_views(cell, analysis, needed),
+        windows=free,
         coverage_causes=causes,
         hidden=() if views is None else in_the_way(cell, analysis, views),
         to_move=() if views is None else to_move(cell, analysis, views),

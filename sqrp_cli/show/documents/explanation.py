@@ -14,8 +14,7 @@ from sqrp_cli.figures import Qualities
 from sqrp_cli.logic.image_time import Window
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import HidingPart, Reason
-from sqrp_cli.study.result import CandidateResult, HiddenTarget, SamplingDone, UnseenTime
-from sqrp_cli.study.windows import FreeViews
+from sqrp_cli.study.result import CandidateResult, FreeViews, HiddenTarget, SamplingDone, UnseenTime
 
 if TYPE_CHECKING:
     from sqrp_cli.camera.camera import Camera
