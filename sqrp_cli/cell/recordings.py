@@ -83,7 +83,7 @@ class RecordedObjectEntry(Entry):
     """An object that the recording handles.
 
     Where the cell has an object of this name with a pose, it begins there. Else it begins where it is grasped, upright,
-    in the middle of the tool frame.
+    in the middle of the tool frame, or before it if the tool has no fingers.
     """
 
     size: Extents | None = Field(default=None, description="Full extents; by default 3 cm along each axis.")

@@ -72,16 +72,13 @@ class Motion:
     primitives: tuple[TimedPrimitive, ...]  # without gaps, in order
     final: World  # the world after it, with the facts from before; X_WO of a held object is its final pose
     initial: World | None = None  # the world before it, where that is its own: of a motion that was not planned
+    doubts: tuple[str, ...] = ()  # of a recorded one, what was done to its clock
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """Detours and speeds that are not reached, such as `a1 goes around wall` and `a4 reaches 3.4 of 5 cm/s`."""
-        return tuple(
-            f"{p.name} {note}"
-            for p in self.primitives
-            for note in (p.around and f"goes around {p.around}", p.too_slow)
-            if note
-        )
+        notes = ((p, note) for p in self.primitives for note in (p.around and f"goes around {p.around}", p.too_slow))
+        return (*self.doubts, *(f"{p.name} {note}" for p, note in notes if note))
 
     @property
     def time(self) -> float:

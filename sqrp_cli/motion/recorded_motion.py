@@ -96,7 +96,9 @@ class RecordedMotions:
                 continue
             if name not in before:
                 yaw = float(np.arctan2(X_WT[1, 0], X_WT[0, 0]))
-                before[name] = initial[name] = read_only(pose(rpy_to_matrix((0.0, 0.0, yaw)), X_WT[:3, 3]))
+                ahead = 0.0 if model.fingers.joints else 0.5 * self.objects[name].size[2]  # of what sticks to its tip
+                upright = pose(rpy_to_matrix((0.0, 0.0, yaw)), X_WT[:3, 3] + ahead * X_WT[:3, 2])
+                before[name] = initial[name] = read_only(upright)
             away = np.abs(transform(inverse(before[name]), X_WT[:3, 3])) - 0.5 * np.array(self.objects[name].size)
             if (far := float(np.linalg.norm(np.maximum(away, 0.0)))) > REACH:
                 missed.append(f"at {grasp.start:.1f} s the gripper closes {far:.2f} m away from `{name}`")
@@ -141,6 +143,7 @@ class RecordedMotions:
             primitives=tuple(primitives),
             final=replace(world, X_WO=after, held=held, X_TO=X_TO, joints=joints),
             initial=replace(world, X_WO=initial, held=None, X_TO=None, joints=begin),
+            doubts=episode.told,
         )
 
 

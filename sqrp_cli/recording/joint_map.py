@@ -46,6 +46,9 @@ class JointMap:
             if name not in names:
                 message = f"{task.entry.file} has no numbers called `{name}`; {expected_names(name, names)}"
                 raise bad_input("unknown-joint", message, task.place("joints", name))
+            if entry.joint not in joints and (task.entry.gripper is None or task.entry.gripper.joint != entry.joint):
+                message = f"`{entry.joint}` is no joint that moves here; {expected_names(entry.joint, joints)}"
+                raise bad_input("unknown-joint", message, task.place("joints", name))
             unit = recording.units.get(name, "")
             if entry.scale is None and unit == "percent":
                 message = f"`{name}` is in percent of a calibrated range, which says nothing about angles by itself"

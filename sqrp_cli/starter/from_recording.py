@@ -49,8 +49,8 @@ def guess_joints(
 ) -> list[JointGuess]:
     """Which joint each name of a recording is, and its unit: by names, stated units and ranges.
 
-    numbers: of some episodes, (m, N). limits: lower and upper of the joints [rad or m]. jaw: the joint of the gripper.
-    Raises InputError where no name is that of a joint, or two are of one.
+    numbers: of some episodes, (m, N). limits: lower and upper of the joints, of the gripper's joint `jaw` those of
+    closed and open [rad or m]. Raises InputError where no name is that of a joint, or two are of one.
     """
     plain = {joint: _plain(joint) for joint in limits}
     found = defaultdict[str, list[str]](list)
@@ -111,6 +111,8 @@ def with_recording(layout: Layout, cell: Cell, file: Path, named: str) -> Layout
     lower, upper = model.position_limits
     limits = {name: (low, high) for name, low, high in zip(model.joints, lower.tolist(), upper.tolist(), strict=True)}
     jaw = model.fingers.joints[0] if model.fingers.joints else None
+    if jaw is not None and model.fingers.closed[0] > model.fingers.open[0]:
+        limits[jaw] = limits[jaw][::-1]
     guesses = guess_joints(recording, numbers, limits, jaw, layout.slides)
     q = np.tile([*model.home.tolist(), *model.fingers.open.tolist()], (len(numbers), 1))
     for one in guesses:
@@ -139,7 +141,7 @@ def with_recording(layout: Layout, cell: Cell, file: Path, named: str) -> Layout
         level = 0.5 * (jaws.min() + jaws.max())
         for _ in range(20):
             level = 0.5 * (jaws[jaws <= level].mean() + jaws[jaws >= level].mean())
-        if np.ptp(jaws) > OPENS * min(high - low, inf):
+        if np.ptp(jaws) > OPENS * min(abs(high - low), inf):
             word = "closed_below" if model.fingers.closed[0] < model.fingers.open[0] else "closed_above"
             value = f"{level:.4g} m" if jaw in layout.slides else f"{degrees(level):.3g} deg"
             gripper = f"    gripper: {{joint: {json.dumps(jaw)}, {word}: {value}}}  # check: then something is held"

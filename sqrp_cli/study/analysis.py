@@ -151,7 +151,7 @@ def planned_motion(cell: Cell, candidate: Candidate, world: World, motion: Motio
     """A candidate with its motion from `world`, or from its own, and what must be seen when."""
     world = motion.initial or world
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
-    formulas = ground_formulas(candidate, spans, motion.time)
+    formulas = ground_formulas(candidate, motion)
     targets = ground_targets(cell, candidate, world, motion, formulas)
     stage = Stage(cell.model, motion, pieces.cut_into_pieces(list(spans.values()), formulas), world.X_WO)
     told = _from_when_told(formulas, candidate, stage, targets)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from string import ascii_lowercase, digits
+from collections.abc import Sequence
+from string import ascii_lowercase
 
 from sqrp_cli.cell.recordings import EPISODE, USUAL_DETECTORS
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.files.frames import AT_START, TOOL, frame_poses, link_called
 from sqrp_cli.geometry import Array, inverse, pose
-from sqrp_cli.logic.formula import argument_lists, bind, named_primitives
+from sqrp_cli.logic.domain import nested
+from sqrp_cli.logic.formula import Predicate, argument_lists, bind, named_primitives
 from sqrp_cli.logic.formula_time import GroundOperator, ground_operators, timed_operators
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion
@@ -22,33 +23,29 @@ from sqrp_cli.skill.target_box import BoxSpec
 from sqrp_cli.task.task import Candidate
 
 
-def ground_formulas(
-    candidate: Candidate, spans: Mapping[str, tuple[float, float]], total: float
-) -> tuple[GroundOperator, ...]:
+def ground_formulas(candidate: Candidate, motion: Motion) -> tuple[GroundOperator, ...]:
     """One entry per temporal operator of the candidate's formulas, in the order of its skill's requirements.
 
-    spans: start and end of each primitive by name [s]; total: duration of the motion [s]. In a recorded motion, a
-    formula counts for each grasp that has the phases that it names.
+    In a recorded motion a formula counts for each grasp that has the phases that it names, and what it says is held.
     """
-    lists, rounds = argument_lists(candidate.skill.action), [spans]
-    if candidate.skill.recorded is not None:
-        numbers = sorted({int(name.lstrip(ascii_lowercase) or 1) for name in spans})
-        rounds = [
-            {EPISODE: (0.0, total), **{name.rstrip(digits): of for name, of in spans.items() if name.endswith(f"{n}")}}
-            if n > 1
-            else {EPISODE: (0.0, total), **spans}
-            for n in numbers
-        ]
-    found = [
-        operator
-        for requirement in candidate.skill.requirements
-        for known in rounds
-        if all(one in known for one in named_primitives(requirement.formula))
-        for operator in ground_operators(
-            bind(requirement.formula, candidate.binding, lists), known, total, requirement.name
-        )
-    ]
-    return tuple(dict.fromkeys(found))
+    lists, recorded = argument_lists(candidate.skill.action), candidate.skill.recorded is not None
+    rounds: dict[str, tuple[dict[str, tuple[float, float]], set[str]]] = {}  # phases of a grasp, and what it holds
+    for one in motion.primitives:
+        number = one.name.lstrip(ascii_lowercase) if recorded else ""
+        known, taken = rounds.setdefault(number, ({EPISODE: (0.0, motion.time)} if recorded else {}, set()))
+        known[one.name.removesuffix(number)] = one.start, one.end
+        taken.update([one.held] if one.held is not None else ())
+    everything = set[str]().union(*(taken for _, taken in rounds.values()))
+    found = list[GroundOperator]()
+    for requirement in candidate.skill.requirements:
+        formula, named = bind(requirement.formula, candidate.binding, lists), named_primitives(requirement.formula)
+        atoms = (part.atom for part in nested(formula) if isinstance(part, Predicate))
+        asked = {one for atom in atoms if atom.predicate == "hold" for one in atom.arguments}
+        for known, taken in rounds.values():
+            of_it = everything if named <= {EPISODE} else taken
+            if not recorded or (named <= known.keys() and asked <= of_it):
+                found += ground_operators(formula, known, motion.time, requirement.name)
+    return tuple(dict.fromkeys(found)) if recorded else tuple(found)
 
 
 def formulas_outside(candidate: Candidate, motion: Motion) -> tuple[tuple[int, int], ...]:
