@@ -113,9 +113,7 @@ def marker_range(
     return near, marker.side * sqrt(fx * fy) * turned / least
 
 
-def least_pixels(
-    camera: Intrinsics, dictionary: str, incidence: ArrayLike = 0.0, rate: float = PERIMETER_RATE[0]
-) -> Array:
+def least_pixels(camera: Intrinsics, dictionary: str, incidence: ArrayLike = 0.0, rate: float = 0.03) -> Array:
     """Square root of the area in the image of the smallest marker that is read in nine of ten images [pixels].
 
     incidence: angles between its normal and the direction to the camera [rad]; the result has their shape. rate: of the
@@ -223,9 +221,8 @@ class Detector(DetectorEntry):
         """A detector as a file states it, in a cell with cameras and markers by name.
 
         Where the file leaves it to them: the distances at which any camera reads any of the markers, and the size at
-        which every camera reads each of them, also at the largest angle. Where it states a `perimeter_rate`, the
-        nearest distance and that size are such that every camera keeps to it with each of them. Raises ValueError where
-        there are none.
+        which every camera reads each of them, also at the largest angle. With a `perimeter_rate`, the nearest distance
+        and that size are such that all keep to it. Raises ValueError where there are none.
         """
         distance, least, rates = entry.distance, entry.min_pixels, entry.perimeter_rate
         dictionaries = tuple(dict.fromkeys(one.dictionary for one in markers.values() if entry.kind == "aruco"))
@@ -234,15 +231,12 @@ class Detector(DetectorEntry):
             reads = [marker_range(*look, 0.0, used) for look in looks]
             if not reads:
                 raise ValueError("there is no marker, or no camera, that gives the detector its limits")
+            nears, fars = zip(*reads, strict=True)
             codes = product(cameras.values(), dictionaries)
             smallest = max(float(least_pixels(*code, entry.max_incidence, used[0])) for code in codes)
-            distance = distance or (min(near for near, _ in reads), max(far for _, far in reads))
+            distance, least = distance or (min(nears), max(fars)), smallest if least is None else least
             if rates is not None:
-                distance, least = (
-                    (max(distance[0], *(near for near, _ in reads)), distance[1]),
-                    max(least or 0.0, smallest),
-                )
-            least = smallest if least is None else least
+                distance, least = (max(distance[0], *nears), distance[1]), max(least, smallest)
         return from_fields(cls, entry, distance=distance, min_pixels=least, dictionaries=dictionaries)
 
     @property

@@ -284,11 +284,8 @@ def outside_detectors(cell: Cell, scenes: Sequence[_Scene]) -> Iterator[Problem]
                 view = (*_best_view(cell, box, found, states), box.encloses or (box.frame,))
                 key = f"{target.atom} {box.name}"
                 best[key] = max(best.get(key, view), view, key=itemgetter(0))
-    told = set[tuple[str, ...]]()
-    for share, problem, objects in sorted(best.values(), key=itemgetter(0)):
-        if 0 < share < 1 and objects not in told:
-            told.add(objects)
-            yield problem
+    worst_last = sorted(best.values(), key=itemgetter(0), reverse=True)
+    yield from {objects: problem for share, problem, objects in worst_last if 0 < share < 1}.values()
 
 
 def _best_view(cell: Cell, box: SoughtBox, found: BoxVerdicts, states: SceneStates) -> tuple[float, Problem]:
@@ -297,9 +294,9 @@ def _best_view(cell: Cell, box: SoughtBox, found: BoxVerdicts, states: SceneStat
     It is 1 where a view is enough, or only too flat, and 0 where no camera has the box in its image.
     """
     (near, far), least, cameras = box.limits.distance, box.limits.min_pixels, cell.observer.cameras
-    X_WB = states.box_poses(box)
-    away = np.stack([np.linalg.norm((X_WB - states.camera_poses(one))[:, :3, 3], axis=1) for one in cameras], axis=1)
-    away, size = np.broadcast_to(away, found.cause.shape), least - found.figure  # that of what is too small [pixels]
+    gaps = [(states.box_poses(box) - states.camera_poses(one))[:, :3, 3] for one in cameras]
+    away = np.stack([np.linalg.norm(gap, axis=1) + np.zeros(len(found.cause)) for gap in gaps], axis=1)
+    size = least - found.figure  # of what is too small
     parts = {Cause.DETECTOR_NEAR: away / max(near, 1e-9), Cause.DETECTOR_FAR: far / away, Cause.TOO_SMALL: size / least}
     enough = (found.cause == Cause.NONE) | (found.cause >= Cause.OBLIQUE)
     share = np.select([found.cause == cause for cause in parts] + [enough], [*parts.values(), np.ones_like(away)], 0.0)

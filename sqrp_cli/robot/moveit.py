@@ -165,14 +165,8 @@ _LIMITS: dict[str, dict[str, str]] = {
 """The keys of each kind of limit, with what they state."""
 
 _KEYS = [key for kind, keys in _LIMITS.items() for key in (*keys, f"has_{kind}_limits")]
-_KEYS += [
-    "max_effort",
-    "has_effort_limits",
-    "max_deceleration",
-    "has_deceleration_limits",
-    "has_soft_limits",
-    "has_jerk",
-]
+_KEYS += ["max_effort", "has_effort_limits", "max_deceleration", "has_deceleration_limits", "has_soft_limits",
+          "has_jerk"]  # fmt: skip
 """And what other programs read there, KUKA's the last."""
 
 _TOPS = (TOP, "robot_description_planning", "/**", *(f"default_{kind}_scaling_factor" for kind in SCALED))

@@ -17,18 +17,8 @@ from itertools import product
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, first_names, misspelt
+from sqrp_cli.files import packages
 from sqrp_cli.files.input_file import missing_file, read_input
-from sqrp_cli.files.packages import (
-    MANIFEST,
-    needed_packages,
-    package_and_path,
-    package_around,
-    package_folder,
-    package_name,
-    package_roots,
-    packages_below,
-    resolve,
-)
 from sqrp_cli.files.source import SourceDocument, describe
 from sqrp_cli.files.yaml_file import MAX_BYTES, parse_yaml
 from sqrp_cli.records import dataclass
@@ -86,7 +76,7 @@ def describe_robot(robot: OwnRobot, folder: Path) -> Description:
     config = None if robot.moveit is None else find_moveit(robot.moveit)
     path, given = _find(robot, config)
     around = _around(path) + (() if config is None else _around(config.folder / "package.xml"))
-    source = RobotSource((*package_roots(robot.package_roots), path.parent), given, around)
+    source = RobotSource((*packages.package_roots(robot.package_roots), path.parent), given, around)
     try:
         urdf = read_urdf(path, source)
     except InputError as error:  # placed at the file as it was named
@@ -99,12 +89,11 @@ def describe_robot(robot: OwnRobot, folder: Path) -> Description:
     warnings: list[Problem] = []
     if config is None:
         config = _moveit_beside(urdf, around, warnings)
-    files = _srdfs_beside(urdf.path, urdf.name) if config is None or not config.srdfs else config.srdfs
-    found = _srdf_of(urdf, files, source, warnings, beside=config is None or not config.srdfs)
+    files = () if config is None else config.srdfs
+    found = _srdf_of(urdf, files or _srdfs_beside(urdf.path, urdf.name), source, warnings, beside=not files)
     srdf_file, srdf, given_too = found or (None, None, {})
     # Limits of another robot are not taken either: mostly its joints have the same names.
-    is_own = config is not None and (srdf is not None or not config.srdfs)
-    limits_file = config.file("joint_limits.yaml", urdf.name, srdf_file) if config and is_own else None
+    limits_file = config.file("joint_limits.yaml", urdf.name, srdf_file) if config and (srdf or not files) else None
     limits = None if limits_file is None else read_moveit_limits(limits_file)
     roots, gripper, gripper_text = _missing_roots(urdf, robot.package_roots, around), None, None
     if robot.gripper is not None:
@@ -128,7 +117,7 @@ def describe_robot(robot: OwnRobot, folder: Path) -> Description:
 
 def _find(robot: OwnRobot, config: MoveitConfig | None) -> tuple[Path, Mapping[str, str]]:
     """The URDF's file, and the arguments that it is read with."""
-    roots = package_roots(robot.package_roots)
+    roots = packages.package_roots(robot.package_roots)
     if robot.urdf is not None:
         # `Path` would raise errors of its own for unknown users and for impossible names.
         named = os.path.expanduser(robot.urdf)  # noqa: PTH111
@@ -136,40 +125,41 @@ def _find(robot: OwnRobot, config: MoveitConfig | None) -> tuple[Path, Mapping[s
             problem = missing_file(Path(named))
             by_name = f"name the robot, not a file: `--robot {robot.urdf}`"
             raise InputError(replace(problem, mend=by_name) if is_known(robot.urdf) else problem)
-        path = resolve(robot.urdf, Path.cwd(), roots, None).resolve()
+        path = packages.resolve(robot.urdf, Path.cwd(), roots, None).resolve()
         return path, {**(config.arguments if config is not None and config.names(path) else {}), **robot.arguments}
     assert config is not None  # noqa: S101 - a user names one of the two
-    roots = (*roots, *_around(config.folder.resolve() / "package.xml"))
+    place, roots = Place(config.folder), (*roots, *_around(config.folder.resolve() / packages.MANIFEST))
     if config.own:  # as MoveIt 2 does
         return config.own[0], robot.arguments
+    problems, stated = list[Problem](), config.urdf or ""
     # Packages are configured from a URDF that is not kept: then the xacro beside it is meant.
-    stated = config.urdf or ""
     for name in (stated, f"{stated}.xacro", stated.removesuffix(".urdf") + ".xacro") if stated else ():
-        with suppress(InputError):
-            path = resolve(name, config.folder, roots, Place(config.folder)).resolve()
-            return path, {**config.arguments, **robot.arguments}
+        try:
+            return packages.resolve(name, config.folder, roots, place).resolve(), {
+                **config.arguments,
+                **robot.arguments,
+            }
+        except InputError as error:
+            problems += error.problems
     fitting = _descriptions(config, roots, robot.arguments)
     names = [*dict.fromkeys(name for name, _, _ in fitting)]
     if len(names) == 1:
         return fitting[0][1:]
+    mend = "name it by `--urdf FILE`, or the folder with its package by `--package-root DIR`"
     if names:
-        message, mend = f"this configuration is of several robots: {first_names(names)}", f"such as {fitting[0][1]}"
-        raise bad_input("missing-key", message, Place(config.folder), mend=f"name the one by `--urdf FILE`, {mend}")
-    if config.urdf is None:
-        message = "this configuration does not say which URDF it was made of (`.setup_assistant`), and there is none of"
-        message += " its robot in its package, those that its package.xml needs, and those beside it"
-        mend = "name it by `--urdf FILE`, or the folder with its package by `--package-root DIR`"
-        raise bad_input("missing-key", message, Place(config.folder), mend=mend)
-    try:
-        return resolve(config.urdf, config.folder, roots, Place(config.folder)), {}
-    except InputError as error:
-        mend = "name the folder that contains this package by `--package-root DIR`, or the file by `--urdf FILE`"
-        raise InputError(*(replace(problem, mend=mend) for problem in error.problems)) from error
+        message = f"this configuration is of several robots: {first_names(names)}"
+        problems, mend = [], f"name the one by `--urdf FILE`, such as {fitting[0][1]}"
+    else:
+        message = (
+            "this configuration does not say which URDF it was made of (`.setup_assistant`), and none of its robot "
+        )
+        message += "is in its package, in those that its package.xml needs, or in those beside it"
+    raise InputError(replace([*problems, Problem("missing-key", message, place)][0], mend=mend))
 
 
 def _around(path: Path) -> tuple[Path, ...]:
     """Folders in which the packages beside a file's own one are: a checkout of repositories of one or more packages."""
-    own = package_around(path) or path.parent
+    own = packages.package_around(path) or path.parent
     return tuple(folder for folder in list(own.resolve().parents)[:2] if folder not in (folder.parent, Path.home()))
 
 
@@ -181,9 +171,9 @@ def _descriptions(
     They are looked for in its package and those that it needs, then in those beside it. Named best is as the URDF that
     the configuration states, then as the SRDF, then as the robot.
     """
-    package = package_around(config.folder / MANIFEST) or config.folder
+    package = packages.package_around(config.folder.resolve() / packages.MANIFEST) or config.folder.resolve()
     beside = package.parent if package.parent not in (Path.home(), Path("/")) else package
-    for folders in ((package, *needed_packages(package, roots)), packages_below(beside).values()):
+    for folders in ((package, *packages.needed_packages(package, roots)), packages.packages_below(beside).values()):
         found = []
         for file in (file for folder in folders for file in sorted(folder.rglob("*"))):
             kind = next((kind for kind, end in enumerate(_ENDS) if file.name.endswith(end)), None)
@@ -245,13 +235,13 @@ def _srdf_of(
 
 def _named(path: Path, folder: Path) -> str:
     """How a workspace in `folder` names a file: `package://` where a known package holds it, else a relative path."""
-    roots = package_roots()
+    roots = packages.package_roots()
     for root in roots:
         if root in path.parents:
             package, *rest = path.relative_to(root).parts
             reference = f"package://{package}/{'/'.join(rest)}"
             with suppress(InputError):
-                if rest and resolve(reference, Path.cwd(), roots, Place(Path.cwd())).resolve() == path:
+                if rest and packages.resolve(reference, Path.cwd(), roots, Place(Path.cwd())).resolve() == path:
                     return reference
     return os.path.relpath(path, folder.resolve())
 
@@ -260,13 +250,13 @@ def _missing_roots(urdf: UrdfModel, stated: tuple[Path, ...], around: tuple[Path
     """Folders with packages of the URDF, its xacro and its meshes that a workspace would find nowhere else."""
     pieces = [piece for link in urdf.links.values() for piece in (*link.collision, *link.visual)]
     references = [piece.shape[0] for piece in pieces if isinstance(piece.shape, tuple)]
-    named = [package_and_path(name)[0] for name in references if name.startswith("package://")]
-    own = package_around(urdf.path)
-    known = ((own,) if own else ()) + package_roots()
+    named = [packages.package_and_path(name)[0] for name in references if name.startswith("package://")]
+    own = packages.package_around(urdf.path)
+    known = ((own,) if own else ()) + packages.package_roots()
 
     def folder_of(package: str, *roots: Path) -> Path | None:
         with suppress(InputError):
-            return package_folder(package, roots, None)
+            return packages.package_folder(package, roots, None)
         return None
 
     found: dict[Path, None] = {}
@@ -280,8 +270,8 @@ def _missing_roots(urdf: UrdfModel, stated: tuple[Path, ...], around: tuple[Path
             if root in stated:
                 found[root.resolve()] = None
             else:  # the folder around it if that has the package's name, else the package itself
-                inside = inside or package_folder(package, (root,), None)
-                around_it = inside.name == package or package_name(inside) is None
+                inside = inside or packages.package_folder(package, (root,), None)
+                around_it = inside.name == package or packages.package_name(inside) is None
                 found[inside.parent if around_it else inside] = None
             break
     return [*found]
@@ -309,13 +299,8 @@ class MoveitConfig:
 
 
 def _read_hint(path: Path | None) -> SourceDocument | None:
-    """A YAML file of a configuration; None if it is not there or empty. Raises InputError for a damaged one."""
-    try:
-        return parse_yaml(path, read_input(path, MAX_BYTES), repeats=True) if path and path.is_file() else None
-    except InputError as error:
-        if error.problems[0].code != "empty-file":
-            raise
-        return None
+    """A YAML file of a configuration, None if there is none. Raises InputError for a damaged one."""
+    return parse_yaml(path, read_input(path, MAX_BYTES), repeats=True) if path and path.is_file() else None
 
 
 def _noted(document: SourceDocument | None, *keys: str) -> str:

@@ -174,7 +174,7 @@ def size_in_image(eye: Camera, X_CB: Array, size: Sequence[float]) -> float:
 
 @pytest.mark.parametrize(("least", "told"), [(12, False), (130, True)])
 def test_a_part_too_small_from_where_it_is_looked_at_is_told_with_the_distance_that_would_do(least, told, tmp_path):
-    folder = copied(tmp_path)
+    folder = tabletop_with(tmp_path, "frame: forearm_link, pose: {position: [0, 0, 0.2]}")
     edit(folder, "min_pixels: 12", f"min_pixels: {least}")
     cell = open_cell(folder)
     best = cell.rank("pickup g2 approach_yaw=0deg", ways="fastest").best
