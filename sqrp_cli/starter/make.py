@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import permutations
 from math import ceil, floor, radians
 from pathlib import Path
 
@@ -27,10 +25,6 @@ from sqrp_cli.starter.description import Description, OwnRobot, describe_robot
 from sqrp_cli.starter.from_recording import with_recording
 from sqrp_cli.starter.hand import Grip, driven_joints, find_grip
 from sqrp_cli.starter.layout import SCHEMA, TASK, Cube, Layout, workspace_text
-from sqrp_cli.study.analysis import analyse
-from sqrp_cli.study.blind_spans import cause_totals
-from sqrp_cli.study.sampling import Adaptive
-from sqrp_cli.task.task import read_task
 
 SHIPPED = Path(__file__).parent  # folder of the shipped skills and robots
 
@@ -160,7 +154,7 @@ def _filled(
             if 0 < sum(cube.color in TASK for cube in best.cubes) == len(cubes):  # it loses none
                 best = named
                 break
-    best, warnings = _told_apart(best), [*description.warnings]
+    warnings = [*description.warnings]
     if best.grip is not None:
         (draft / SUCTION_CUP).unlink()
         with suppress(OSError):  # the shipped arm is beside it
@@ -270,35 +264,6 @@ def _tried(
         if most == len(search.COLORS) or (len(there.cubes) < most and most > 1):  # what comes next is hardly better
             break
     return tried
-
-
-def _told_apart(layout: Layout) -> Layout:
-    """The layout with the colours of its cubes changed round so that the fewest stand behind another of their colour.
-
-    With all of them green, what each camera loses for another cube is known of every pair; pairs of two colours lose
-    nothing.
-    """
-    names = [f"c{index + 1}" for index in range(len(layout.cubes))]
-    green = [replace(cube, name=name, color="green") for name, cube in zip(names, layout.cubes, strict=True)]
-    cell, lost = _load(replace(layout, cubes=green)), defaultdict[tuple[str, str], float](float)
-    for candidate in read_task(TASK, cell.workspace).candidates if green else ():
-        found = analyse(cell, candidate, cell.initial_world, Adaptive(), full=True)
-        if not isinstance(found, Infeasible):
-            (own,) = candidate.binding.values()
-            for total in cause_totals(cell, found):
-                if total.cause == "same_colour":
-                    lost[own, total.by or ""] += total.seconds
-
-    colors = min(
-        dict.fromkeys(permutations(cube.color for cube in layout.cubes)),
-        key=lambda colors: sum(
-            lost[first, other]
-            for (first, color), (other, same) in permutations(zip(names, colors, strict=True), 2)
-            if color == same
-        ),
-        default=(),
-    )
-    return replace(layout, cubes=search.painted(layout.cubes, colors))
 
 
 def _restate(layout: Layout, said: Mapping[str, str]) -> None:

@@ -59,7 +59,8 @@ CUBE_TURNS = tuple(turn * pi / 180 for turn in (0, -25, 25, -50, 50))
 
 TURNED_IN_VAIN = 3  # cubes that are tried with the tool turned where none can be picked up without
 
-COLORS = ("green", "green", "green", "red")  # colours of the cubes, in the order in which they are placed
+COLORS = ("green", "green", "red", "green")
+"""Colours of the cubes, in the order in which they are placed: few then stand behind another of their colour."""
 VIEW_HEIGHT = 35 * pi / 180  # elevation of the cameras above what they look at [rad]
 
 BEHIND, ASIDE = 150 * pi / 180, -60 * pi / 180
@@ -286,7 +287,9 @@ def cubes_in_reach(cell: Cell, trial: Sequence[Cube]) -> tuple[Sequence[Cube], s
             else:
                 x, y = (value + 0.0 for value in cube.position[:2])  # no -0.00
                 first = first or f"a cube at x {x:.2f} m, y {y:.2f} m: {why}"
-    return painted(found, COLORS), first
+    numbers = [COLORS[: index + 1].count(color) for index, color in enumerate(COLORS)]
+    named = zip(found, COLORS, numbers, strict=False)
+    return [replace(cube, name=f"{color[0]}{number}", color=color) for cube, color, number in named], first
 
 
 def _waypoints(cell: Cell, grip: Candidate) -> Array:
@@ -294,13 +297,6 @@ def _waypoints(cell: Cell, grip: Candidate) -> Array:
     settings, at_home = (grip.skill.waypoints, grip.binding, grip.values), cell.model.tool_pose(cell.model.home)
     grounder = WaypointGrounder(*settings, cell.workspace.objects, at_home, cell.initial_world.X_WO, {})
     return np.array([grounder.pose(name) for name in grip.skill.waypoints])
-
-
-def painted(cubes: Sequence[Cube], colors: Sequence[str]) -> list[Cube]:
-    """Cubes with colours, and named by these."""
-    numbers = [colors[: index + 1].count(color) for index, color in enumerate(colors)]
-    named = zip(cubes, colors, numbers, strict=False)
-    return [replace(cube, name=f"{color[0]}{number}", color=color) for cube, color, number in named]
 
 
 def views_of(cell: Cell, layout: Layout, cubes: Sequence[Cube], lift: float) -> dict[str, tuple[Point, Point]]:

@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from sqrp_cli.geometry import Array, pose, rpy_to_matrix
+from sqrp_cli.geometry import Array, axis_rotation, pose, rpy_to_matrix
 from sqrp_cli.robot import inverse_kinematics
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.reach import Unreachable, beyond_reach
-from tests.task.robots import REAL_ARMS, ROBOTS, real_arm, robot, small_arm, spherical_wrist_arm
+from tests.task.robots import FEW_AXES, REAL_ARMS, ROBOTS, real_arm, robot, small_arm, spherical_wrist_arm, written_urdf
 
 UPPER, FORE, SHOULDER = 0.5, 0.3, np.array([0.0, 0.0, 0.5])
 SLIDE, TURN = (
@@ -44,6 +44,19 @@ def test_too_far_or_too_close_by_what_the_stretched_or_folded_arm_lacks(spherica
     reason = all_solutions(spherical, with_wrist_at(distance, seed))
     assert reason.missing == pytest.approx(missing, abs=1e-4)
     assert str(reason) == said
+
+
+@pytest.mark.parametrize("turn", [-40.0, 25.0])
+def test_an_arm_of_four_axes_says_by_which_turn_a_place_is_within_reach(turn: float, tmp_path) -> None:
+    """Where it stands is within reach; turned about the vertical it is not, until it is turned back."""
+    model = RobotModel.load(robot(written_urdf(tmp_path / "four.urdf", *FEW_AXES["four axes"]), "tool0"))
+    there = model.tool_pose(np.array([0.3, -0.2, 0.6, 1.1]))
+    turned = pose(axis_rotation(2, np.radians(turn)) @ there[:3, :3], there[:3, 3])
+    reason = all_solutions(model, turned)
+    assert isinstance(reason, Unreachable)
+    assert reason.why == "turned"
+    assert np.degrees(reason.missing) == pytest.approx(-turn, abs=0.3)
+    assert "only when turned by" in str(reason)
 
 
 @pytest.mark.parametrize("away", [0.0, 0.05])

@@ -67,3 +67,9 @@ def test_a_gripper_that_is_not_understood_is_refused_and_no_cup_stands_for_it(tm
         make_starter(tmp_path / "cell", OwnRobot(find_named("ur5e", "robot")[0], gripper=hand))
     assert "`allegro_hand_left` has no fingers that SQRP understands" in caught.value.problems[0].message
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_second_hand_is_refused(tmp_path: Path) -> None:
+    arm, gripper = find_named("panda", "robot")[0], find_named("robotiq_2f_85", "gripper")[0]
+    with pytest.raises(InputError, match="has a hand, which `panda_finger_joint1` moves"):
+        make_starter(tmp_path / "cell", OwnRobot(arm, gripper=gripper))

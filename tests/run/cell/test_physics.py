@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.mesh import read_mesh
@@ -18,7 +19,7 @@ from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.geometry import Array, inverse, pose, transform
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.run.cell.mujoco_model import mujoco
+from sqrp_cli.run.cell.mujoco_model import _slices, mujoco
 from sqrp_cli.run.cell.simulated_cell import SimulatedCell
 from sqrp_cli.shapes import Mesh
 from sqrp_cli.sight.solids import load_solid
@@ -294,6 +295,19 @@ def test_an_arm_moves_whatever_its_file_says_of_inertia_and_effort(
     physics.advance(2.5, Quintic(start, wanted, 0.0, 2.0))
     assert physics.measured_joints() == pytest.approx(ends, abs=1e-3)
     assert effort is None or np.abs(torques(physics)).max() < 31.4 / 2 + effort
+
+
+def test_a_mesh_of_a_hand_keeps_its_hollow_and_all_its_corners(tmp_path: Path) -> None:
+    """An L of two bars: its slices fill what it fills, where its hull would be a third larger."""
+    bars = [trimesh.creation.box(size) for size in ((0.02, 0.06, 0.02), (0.02, 0.02, 0.1))]
+    bars[1].apply_translation((0.0, -0.02, 0.06))
+    shape = trimesh.util.concatenate(bars)
+    shape.export(tmp_path / "l.stl")
+    hulls = [trimesh.convex.convex_hull(corners) for corners in _slices(Mesh(tmp_path / "l.stl", (1.0, 1.0, 1.0)))]
+    assert sum(hull.volume for hull in hulls) == pytest.approx(sum(bar.volume for bar in bars), rel=0.15)
+    assert shape.convex_hull.volume > 1.3 * sum(hull.volume for hull in hulls)
+    found = np.concatenate([hull.vertices for hull in hulls])
+    assert np.linalg.norm(shape.vertices[:, None] - found, axis=2).min(axis=1).max() < 1e-5
 
 
 def test_meshes_are_as_large_as_the_planner_takes_them() -> None:
