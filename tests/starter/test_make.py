@@ -133,9 +133,8 @@ def test_its_cameras_beside_others_are_a_finding(tmp_path: Path) -> None:
     folder = make_starter(tmp_path / "cell", ARMS["panda"][0]).folder
     assert "guessed-camera" not in [one.code for one in lint(load_workspace(folder))]
     text = (folder / "workspace.yaml").read_text()
-    mine = (
-        "mine: {pose: {position: [1, 0, 1], look_at: [0.4, 0, 0]}, image: {width: 640, height: 480, fx: 600, fy: 600}, rate: 30}"
-    )
+    image = "image: {width: 640, height: 480, fx: 600, fy: 600}"
+    mine = f"mine: {{pose: {{position: [1, 0, 1], look_at: [0.4, 0, 0]}}, {image}, rate: 30}}"
     (folder / "workspace.yaml").write_text(text.replace("  cam1:", f"  {mine}\n  cam1:"))
     (found,) = [one for one in lint(load_workspace(folder)) if one.code == "guessed-camera"]
     assert "`cam1` and `cam2`" in found.message
