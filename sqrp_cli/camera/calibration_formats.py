@@ -328,7 +328,8 @@ def format_of(camera: CameraInFile, part: SourceDocument, syntax: str) -> str:
             [*path, *(part.at(path[:-1]) if isinstance(part.at(path[:-1]), dict) else ())]}  # fmt: skip
     for name, row in FORMATS.items():
         if any(all(squashed(word) in keys for word in group.split()) for group in row.get("keys", ())):
-            return name
+            rows = part.at(camera.words.get("matrix", ("",)))
+            return "camera_info" if name == "open3d" and isinstance(rows, list) and flat(rows) != rows else name
     return "camera_info"
 
 
@@ -412,8 +413,14 @@ def _model(
 ) -> tuple[str | None, KeyPath]:
     """The distortion model as the file calls it, and where it does. Raises InputError for projections not read."""
     kind, known, where = values.get("kind"), FACTS["distortions"], at.get("kind", ())
+    numbered = FACTS["numbered"].get(squashed(str(where[-1])) if where and name != "realsense" else name, ())
+    kind = numbered[kind] if type(kind) is int and 0 <= kind < len(numbered) else kind
     short = "" if kind is None else shortened(str(kind))
-    is_strict = name in ("vins", "kalibr", "orbslam", "isaac") and short not in ("", *FACTS["plain"], *known)
+    is_strict = name in ("vins", "kalibr", "orbslam", "isaac", "nerfstudio") and short not in (
+        "",
+        *FACTS["plain"],
+        *known,
+    )
     if name != "colmap" and (is_strict or short in FACTS["other"]):
         title = "" if name == "camera_info" else f" of {FORMATS[name]['files'][0].partition(' | ')[0]}"
         message = (f"this is a camera{title} with the projection `{kind}`, which is not read; expected `pinhole`, "
@@ -422,7 +429,7 @@ def _model(
         raise part.error("unknown-distortion-model", where, message, mend)
     if values.get("model"):
         return values["model"], at["model"]
-    if where and where[-1] in ("fisheye", "fisheye_model") and len(values.get("D", ())) == 4:
+    if where and where[-1] in ("fisheye", "fisheye_model", "is_fisheye") and len(values.get("D", ())) == 4:
         return "fisheye" if short in ("1", "true", "yes", "on") else "radtan", where
     is_told = short in FACTS["late"] or (short in known and short not in FACTS["plain"])
     return (str(kind) if is_told else None), where
