@@ -111,7 +111,7 @@ def read_arrays(path: Path, content: bytes) -> Data:
 def refuse_unread(path: Path, content: bytes, asked: str = "calibration") -> None:
     """Raises InputError for a file of a format that is known and not read, or of one that belongs to another key."""
     for pattern, what, mend in FACTS["unread"]:
-        if f"at `{asked}`" not in mend and re.search(pattern, content[:20_000].decode("latin-1"), re.MULTILINE):
+        if f"at `{asked}`" not in mend and re.search(pattern, content[:20_000].decode("latin1"), re.MULTILINE):
             raise bad_input("unknown-calibration", f"this is {what}, which is not read here", Place(path), mend=mend)
 
 
