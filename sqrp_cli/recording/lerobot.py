@@ -53,16 +53,16 @@ def open_dataset(path: Path, rate: float | None, signal: str | None) -> Recordin
         if not 0 < width <= MOST_NAMES:
             raise ValueError(f"whose `{feature}` has the shape {str(shape)[:40]}")
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        told = str(error) if isinstance(error, ValueError) else "that is described otherwise"
-        told = f"without {error}" if isinstance(error, KeyError) else told
+        told = {KeyError: f"without {error}", ValueError: str(error)}.get(type(error), "that is described otherwise")
         message = f"this is a dataset {told}; expected v2 or v3, `fps`, and in `features` a `shape` of one number each"
         raise bad_input("wrong-value", message, Place(info), mend="convert it with the scripts of LeRobot") from error
     if len(names) != width:  # without names, or with one for all
         names = [f"{feature.rpartition('.')[2]}_{index}" for index in range(width)]
     files: dict[int, Path] = {}
     if is_v2 := version[0] == "2":  # of one that was fetched in part, the episodes that are there
-        there = {file.stem.removeprefix("episode_"): file for file in path.glob("data/*/episode_*.parquet")}
-        files = {int(number): file for number, file in there.items() if number.isdecimal() and len(number) < 10}
+        files = {
+            int(file.stem[8:]): file for file in path.glob("data/*/episode_[0-9][0-9][0-9][0-9][0-9][0-9].parquet")
+        }
     for table in () if is_v2 else sorted(path.glob("meta/episodes/*/*.parquet")):
         with _opened(table, _PLACE) as parquet:
             if parquet.metadata.num_rows > _MOST_EPISODES:

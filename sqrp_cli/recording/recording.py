@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from sqrp_cli.errors import InputError, Place, bad_input, bad_option, expected_names
+from sqrp_cli.errors import InputError, Place, bad_input, bad_option
 from sqrp_cli.files.input_file import missing_file, open_input
 from sqrp_cli.recording.bags import open_bag
 from sqrp_cli.recording.episode import HELD, Episode, Recording
@@ -29,12 +29,10 @@ class Reader(NamedTuple):
 
 
 READERS = (
-    Reader(
-        "a dataset of LeRobot (with `meta/info.json`)", lambda at, _: (at / "meta/info.json").is_file(), open_dataset
-    ),
+    Reader("a dataset of LeRobot, `meta/info.json`", lambda at, _: (at / "meta/info.json").is_file(), open_dataset),
     Reader("a ROS bag", lambda at, _: is_bag(at) or at.suffix in (".db3", *SUFFIXES), open_bag),
-    Reader("a program (with `sqrp_program`)", lambda _, head: b"sqrp_program:" in head, open_program),
-    Reader("a log of a run (with `sqrp_log`)", lambda _, head: b'"sqrp_log"' in head, open_log),
+    Reader("a program", lambda _, head: b"sqrp_program:" in head, open_program),
+    Reader("a log of a run", lambda _, head: b'"sqrp_log"' in head, open_log),
     Reader("YAML with `joint_names` and `points`", lambda _, head: _TRAJECTORY.search(head), open_trajectory),
     Reader("a table below a line of names", lambda _, head: _TABLE.match(head), open_table),
 )
@@ -52,9 +50,7 @@ def open_recording(path: Path, *, signal: str | None = None, rate: float | None 
         raise InputError(missing_file(path))
     if (reader := _reader_of(path)) is not None:
         if signal is not None and reader.open not in (open_dataset, open_bag):
-            raise bad_option(
-                f"found the signal `{signal}`; {reader.known_by} has one alone, without a name", Place(path)
-            )
+            raise bad_option(f"found the signal `{signal}`; expected none of {reader.known_by}", Place(path))
         return reader.open(path, rate, signal)
     files = [one for one in sorted(path.iterdir()) if one.name[0] != "." and _reader_of(one)] if path.is_dir() else []
     if not files:
@@ -66,11 +62,9 @@ def open_recording(path: Path, *, signal: str | None = None, rate: float | None 
         one = open_recording(files[episode], signal=signal, rate=rate)
         lacking = [name for name in first.names if name not in one.names]
         if lacking or len(one.episodes) > 1:
-            what = (
-                f"lacks `{lacking[0]}`; {expected_names(lacking[0], one.names)}" if lacking else "has several episodes"
-            )
+            what = f"lacks `{lacking[0]}`" if lacking else f"has {len(one.episodes):,} episodes"
             raise bad_input(
-                "wrong-columns", f"this {one.kind} {what}; expected one like {files[0].name}", Place(one.path)
+                "wrong-columns", f"this {one.kind} {what}; expected one as {files[0].name}", Place(one.path)
             )
         found = one.read(0)
         return Episode(found.times, found.values[:, [one.names.index(name) for name in first.names]], found.told)
