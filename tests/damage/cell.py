@@ -7,12 +7,15 @@ import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 from rosbags import rosbag2
 
+from sqrp_cli.recording.recording import open_recording
 from sqrp_cli.ros.bag import Bag, written
 from sqrp_cli.starter.make import make_starter
 from tests.cell.mesh.mesh_bombs import binary_stl
 from tests.damage.child import call
+from tests.recording.datasets import write_dataset
 
 CASES = Path(__file__).parents[1] / "cases"
 TASK = "pickup red"
@@ -34,12 +37,27 @@ def whole_cell(folder: Path) -> Path:
     _record(made)
     _describe(made)
     _do("rank", made, TASK, "--samples", "2", "--program", made / "program.yaml")
+    _demonstrate(made)
     results = ["--out", made / RESULTS, "--save-baseline", made / BASELINE]
     (made / "score.json").write_text(_do("score", made, *SCORE, *results), encoding="utf-8")
     (made / RESULTS / ".lock").unlink()  # copies of the cell share their files
     scheduler = {"type": "Scheduler", "id": "Scheduler-1", "address": "tcp://127.0.0.1:1", "workers": {}}
     (made / "scheduler.json").write_text(json.dumps(scheduler, indent=2), encoding="utf-8")
     return made
+
+
+def _demonstrate(made: Path) -> None:
+    """Let the motion of the program be a recording in each form, and each of these a task of a workspace."""
+    (made / "recorded").mkdir()
+    table, trajectory, dataset = (made / "recorded" / name for name in ("demo.csv", "demo.yaml", "set"))
+    for file in (table, trajectory):
+        _do("program", made / "program.yaml", "--export", file, "--rate", "10 Hz")
+    motion = open_recording(trajectory)
+    write_dataset(dataset, [motion.read(0).values.astype(np.float32)], motion.names, "v2.1")
+    lines = [(made / "workspace.yaml").read_text(encoding="utf-8"), "recordings:"]
+    for task, file in {"dataset": dataset, "table": table, "trajectory": trajectory}.items():
+        lines.append(f"  {task}: {{file: recorded/{file.name}, detector: color, objects: {{r1: {{}}}}}}")
+    (made / "demos.yaml").write_text("\n".join(lines), encoding="utf-8")
 
 
 def _describe(made: Path) -> None:

@@ -78,14 +78,20 @@ LOG = (
     edited("reversed", lambda content, _: b"\n".join(content.splitlines()[::-1])),
 )  # fmt: skip
 
-FRAMES = (
-    *listed("frames"),
+ROWS = (
     edited("semicolons", lambda content, _: content.replace(b",", b";")),
     edited("more-columns", lambda content, _: content.replace(b"\n", b",1\n")),
     edited("fewer-columns", lambda content, _: re.sub(rb",[^,\n]*\n", b"\n", content)),
     edited("rows-reversed", lambda content, _: b"\n".join([content.splitlines()[0], *content.splitlines()[:0:-1]])),
     *TEXT,
 )  # fmt: skip
+FRAMES = (*listed("frames"), *ROWS)
+JOINTS = (
+    *ROWS,
+    edited("no-times", lambda content, _: re.sub(rb"(?m)^[^,]*,", b"", content)),
+    whole("500000-columns", lambda: b"t," + b",".join(b"c%d" % i for i in range(500_000)) + b"\n"),
+    whole("commas", lambda: b"t,a\n" + b"," * 50_000_000),
+)
 
 
 def chunk(kind: bytes, data: bytes) -> bytes:

@@ -8,6 +8,7 @@ import sqlite3
 import struct
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from functools import partial
 from itertools import count, starmap
 from pathlib import Path
 from random import Random
@@ -19,6 +20,7 @@ import numpy as np
 from sqrp_cli.ros.bag import Bag, BagWriter, Packed, written
 from tests.damage.bombs import ELSEWHERE, TABLE, Bomb, edited, text_of, whole
 from tests.damage.record_bombs import png
+from tests.recording.datasets import packed
 
 STATES, IMAGE = "/joint_states", "/cam1/image_raw/compressed"
 COMPRESSED, RAW = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image"
@@ -192,6 +194,12 @@ FILES = (
     whole("other-sqlite", lambda: _database("CREATE TABLE x(y)")),
 )
 """Files that are none."""
+
+
+SIZES = ((100, 6, np.nan), (0, 6, 0.0), (100, 7, 0.0), (4_000_000, 6, 0.0), (2, 20_000_000, 0.0))
+PARQUET = (*FILES, *(whole(f"{rows}x{width} of {value}", partial(packed, rows, width, value))
+                     for rows, width, value in SIZES))  # fmt: skip
+"""Frames of datasets: how many, of how many joints, and where these are."""
 
 
 def _record(kind: int, content: bytes) -> bytes:

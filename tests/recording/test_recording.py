@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from mcap.writer import CompressionType, Writer
 from rosbags import rosbag1, rosbag2
@@ -17,6 +14,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.recording.recording import open_recording
 from sqrp_cli.ros.messages import message_types
 from tests.cells import read_cases
+from tests.recording.datasets import write_dataset
 
 TEXTS = read_cases("recordings.yaml")
 NAMES = ["shoulder_pan.pos", "gripper.pos"]
@@ -51,49 +49,25 @@ def refused(path: Path, case: dict[str, Any]) -> None:
     assert case["says"] in problem.message
 
 
-def dataset(folder: Path, case: dict[str, Any]) -> list[np.ndarray]:
-    """A dataset as LeRobot lays it out: a file for each episode in v2, a group of rows for each in v3; its states."""
-    feature = {"dtype": "float32", "shape": case.get("shape", [2]), "names": NAMES}
-    version, features = case.get("version", "v3.0"), {"observation.state": feature, "action": feature}
-    (folder / "meta/episodes/chunk-000").mkdir(parents=True)
-    (folder / "data/chunk-000").mkdir(parents=True)
-    (folder / "meta/info.json").write_text(json.dumps({"codebase_version": version, "fps": 30, "features": features}))
-    random, shape = np.random.default_rng(0), (case.get("frames", 5), case.get("width", 2))
-    states = [random.normal(case.get("fill", 0), 50, shape).astype(np.float32) for _ in range(case.get("episodes", 2))]
-    tables = []
-    for number, values in enumerate(states):
-        lists = [pa.array(one.tolist(), pa.list_(pa.float32(), shape[1])) for one in (values, values + 1)]
-        times, numbers = pa.array(np.arange(len(values)) / 30, pa.float32()), np.full(len(values), number)
-        tables.append(pa.table([*lists, times, numbers], [*features, "timestamp", "episode_index"]))
-    if version < "v3":
-        for number, table in enumerate(tables):
-            pq.write_table(table, folder / f"data/chunk-000/episode_{number:06d}.parquet")
-        return states
-    data, indices = folder / "data/chunk-000/file-000.parquet", [*range(len(states))]
-    with pq.ParquetWriter(data, tables[0].schema) as writer:
-        for table in tables:
-            writer.write_table(table)
-    data.write_bytes(data.read_bytes()[: -case.get("cut", 0) or None])
-    places = {"episode_index": indices, "data/chunk_index": [0] * len(states), "data/file_index": [0] * len(states)}
-    pq.write_table(pa.table(places), folder / "meta/episodes/chunk-000/file-000.parquet")
-    return states
-
-
 @pytest.mark.parametrize("version", ["v2.1", "v3.0"])
 def test_datasets_have_their_states_episode_by_episode(version: str, tmp_path: Path) -> None:
-    states = dataset(tmp_path, {"version": version})
+    states = np.random.default_rng(0).normal(0, 50, (2, 5, 2)).astype(np.float32)
+    write_dataset(tmp_path, states, NAMES, version)
     for signal, more in ((None, 0), ("action", 1)):
         found = open_recording(tmp_path, signal=signal)
         assert (found.names, found.rate, found.episodes) == (tuple(NAMES), 30.0, ("0", "1"))
         for number in (1, 0):
-            episode = found.read(number)
-            np.testing.assert_array_equal(episode.values, states[number] + np.float32(more))
-            np.testing.assert_allclose(episode.times, np.arange(5) / 30, atol=1e-7)
+            np.testing.assert_array_equal(found.read(number).values, states[number] + np.float32(more))
+            np.testing.assert_allclose(found.read(number).times, np.arange(5) / 30, atol=1e-7)
 
 
 @pytest.mark.parametrize("case", TEXTS["datasets"].values(), ids=TEXTS["datasets"])
 def test_damaged_datasets_are_told(case: dict[str, Any], tmp_path: Path) -> None:
-    dataset(tmp_path, case)
+    size = case.get("episodes", 2), case.get("frames", 5), case.get("width", 2)
+    states = np.full(size, case.get("fill", 0), np.float32)
+    write_dataset(tmp_path, states, NAMES, case.get("version", "v3.0"), case.get("shape"))
+    for file in tmp_path.glob("data/*/*"):
+        file.write_bytes(file.read_bytes()[: -case.get("cut", 0) or None])
     refused(tmp_path, case)
 
 
