@@ -30,7 +30,7 @@ ROOMS = {
     "camera": ("camera", 2_382),
     "cell": ("cell", 3_574),
     "logic": ("logic", 2_336),
-    "skill, program, recording": ("skill program recording", 2_815),
+    "skill, program, recording": ("skill program recording", 2_809),
     "task": ("task", 998),
     "motion": ("motion", 2_936),
     "sight": ("kernel sight", 1_506),
