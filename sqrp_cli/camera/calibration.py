@@ -39,17 +39,14 @@ _OWN_NAMES = ("camera_name", "name", "id", "serial", "Purpose")  # keys by which
 
 
 def read_calibration(
-    path: Path,
-    wanted: CalibrationFile | None = None,
-    asked: str = "calibration",
-    distortion: DistortionModel | None = None,
+    path: Path, wanted: CalibrationFile | None = None, asked: str = "calibration", told: DistortionModel | None = None
 ) -> tuple[Intrinsics, SourceDocument, SourceDocument]:
     """Intrinsics from a camera calibration file in one of the formats that this module reads.
 
     With the document of the whole file, and that of what is about this camera.
 
     wanted: which camera of the file, and the size of its image if the file lacks it; asked: the key of the workspace
-    that says so; distortion: the model by the workspace, of a file that names none. The projection matrix, if any,
+    that says so; told: the distortion model by the workspace, of a file that names none. The projection matrix, if any,
     belongs to the rectified image and is not used: cameras see through their lens. Raises InputError, with the line,
     for missing keys, unknown models, wrong lengths, impossible matrices, and where file and workspace contradict each
     other.
@@ -78,7 +75,7 @@ def read_calibration(
         of_opencv = syntax == "XML" or (isinstance(matrix, dict) and "dt" in matrix)
         of_ros = syntax == "INI" or (syntax == "YAML" and {"width", "height", "matrix"} <= camera.words.keys())
         title = f"{'OpenCV FileStorage' if of_opencv else title if of_ros else 'keys and values'} ({syntax})"
-    distortion_model, coefficients = _distortion(part, stated, K, PixelSize(width, height), distortion, asked)
+    distortion_model, coefficients = _distortion(part, stated, K, PixelSize(width, height), told, asked)
     intrinsics = Intrinsics(
         width=width,
         height=height,

@@ -201,19 +201,18 @@ def flat(value: Any) -> Any:  # noqa: ANN401 - whatever a file has
 
 
 class StatedLens(NamedTuple):
-    """What a file says of a camera's lens, with the paths of the keys."""
+    """What a file says of a camera's lens, with the paths of the keys; K: row by row [pixels].
+
+    None where it says nothing of distortion (D), names no model, or does not say how large the image is.
+    """
 
     K: Sequence[float]
-    """The camera matrix [pixels], row by row."""
     K_at: KeyPath
     D: Sequence[float] | None
-    """The distortion coefficients that the file states; None where it says nothing of distortion."""
     D_at: KeyPath
     model: str | None
-    """The distortion model as the file calls it; None if it names none."""
     model_at: KeyPath
     size: PixelSize | None
-    """Of the image; None where the file does not say."""
     size_at: KeyPath
     format_name: str
 

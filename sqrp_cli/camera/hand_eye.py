@@ -105,12 +105,9 @@ _EASY_HANDEYE, _EARLY = foreign(**_RESULT, parameters=foreign(**_PARAMETERS)), f
 
 
 def read_hand_eye(
-    path: Path,
-    camera: str | None = None,
-    carriers: Collection[str] = (),
-    asked: str = "hand_eye",
+    path: Path, camera: str | None = None, carriers: Collection[str] = (), asked: str = "hand_eye",
     entry: CameraEntry | None = None,
-) -> StaticTransform:
+) -> StaticTransform:  # fmt: skip
     """The pose of a camera in a file of one of the formats that this module reads.
 
     camera: its frame, where the file has several; None: the only one without frames on it, or the only one of these
@@ -119,8 +116,7 @@ def read_hand_eye(
     says so; entry: what the workspace says of the camera. Raises InputError, with the line, for missing keys, values of
     the wrong kind, what is no rotation, and numbers of which neither file nor workspace says what they are.
     """
-    stated = entry.hand_eye if entry is not None else None
-    needless = [key for key in ("pose_of", "unit", "rotation") if getattr(stated, key, None) is not None]
+    transforms: StaticTransform | list[StaticTransform]
     if is_bag(path):
         pose_file, transforms = "/tf_static of a recording", read_bag(path)
         # A recording may be large: of that, what was read.
@@ -131,13 +127,13 @@ def read_hand_eye(
         pose_file = next((name for name, mark in FACTS["poses"].items() if re.search(mark, text, re.MULTILINE)), "")
         if not pose_file:
             return _of_numbers(path, read, text, camera, asked, entry)
-        if needless:
-            message = f"`{asked}.{needless[0]}` is of matrices and vectors; this file, {pose_file}, says it itself"
-            raise bad_input("conflicting-keys", message, Place(path), mend=f"leave `{needless[0]}` out")
-        found = READERS[pose_file](path, read, text)
-        if isinstance(found, StaticTransform):
-            return found
-        transforms = found
+        transforms = READERS[pose_file](path, read, text)
+    for key in ("pose_of", "unit", "rotation"):
+        if entry is not None and getattr(entry.hand_eye, key, None) is not None:
+            message = f"`{asked}.{key}` is of matrices and vectors; this file, {pose_file}, says it itself"
+            raise bad_input("conflicting-keys", message, Place(path), mend=f"leave `{key}` out")
+    if isinstance(transforms, StaticTransform):
+        return transforms
     above, parents = {one.child: one for one in transforms}, {one.parent for one in transforms}
     frame = "" if camera is None else camera.lstrip("/")
     if camera is None:

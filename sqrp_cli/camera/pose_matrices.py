@@ -37,7 +37,7 @@ NEAR_ROTATION = 0.01  # how far rows of a rounded rotation matrix may be from or
 
 
 class PoseNumbers(NamedTuple):
-    """A pose as a file has it, with what the file's format defines of it."""
+    """A pose as a file has it, with what the file's format defines of it: as `PoseFile` and `CameraEntry` have that."""
 
     name: str
     at: KeyPath
@@ -45,13 +45,10 @@ class PoseNumbers(NamedTuple):
     """A rotation matrix, row by row, or three or four numbers."""
     shift: Sequence[float]
     rotation: str | None = None
-    """How three or four numbers mean a rotation."""
     pose_of: str | None = None
-    """`camera`: its pose in the frame that carries it; `frame`: that of the frame in the camera."""
     unit: float | None = None
     """Length of a unit [m]."""
     axes: str | None = None
-    """Of the camera, as `convention` of a workspace."""
 
 
 def colmap_images(text: str, path: Path) -> list[PoseNumbers]:

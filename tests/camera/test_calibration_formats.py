@@ -187,7 +187,7 @@ def test_every_format_gives_the_same_camera(tmp_path, name):
 @pytest.mark.parametrize("case", CASES["same"], ids=lambda case: case["case"])
 def test_formats_typed_from_their_documentation_give_the_same_camera(tmp_path, case):
     wanted = typed(case["text"], **case.get("wanted", {}))(tmp_path)
-    found = read_calibration(Path(wanted.file), wanted, distortion=case.get("distortion"))[0]
+    found = read_calibration(Path(wanted.file), wanted, told=case.get("distortion"))[0]
     assert (found.width, found.height) == SIZE
     assert (found.distortion_model, found.lens_file) == (case["model"], case["title"])
     np.testing.assert_allclose(found.matrix, K, rtol=0, atol=1e-9)
