@@ -148,12 +148,7 @@ def resolve_mesh(roots: Sequence[Path], reference: str, urdf: Path) -> Path:
         for there in (folder / unquote(reference.removeprefix("model://")) for folder in folders):
             if there.is_file():
                 return there
-        try:
-            return resolve(reference.replace("model", "package", 1), urdf.parent, roots, Place(urdf))
-        except InputError as error:
-            message = f"`{reference}` is neither around the URDF, nor in GAZEBO_MODEL_PATH, nor a package"
-            mend = "add the folder in which the model's folder is to GAZEBO_MODEL_PATH or `robot.package_roots`"
-            raise bad_input("missing-package", message, Place(urdf), mend=mend) from error
+        reference = reference.replace("model", "package", 1)
     own = package_around(urdf) if reference.startswith("package://") else None
     return resolve(reference, urdf.parent, (*([own] if own else ()), *roots), Place(urdf))
 

@@ -59,19 +59,13 @@ class Scene:
     lost: dict[str, list[str]]
     """Names of what becomes something else, or nothing, by what is said about it."""
 
-    def told(self, tag: str, attributes: Mapping[str, str], inside: Iterable[Told] = ()) -> Told:
-        """An element."""
-        return [tag, dict(attributes), str(self.path), None, None, [*inside]]
-
 
 def mjcf_as_urdf(path: Path, root: Element) -> tuple[Told, tuple[Problem, ...]]:
     """The `<robot>` that an MJCF stands for, and warnings about what it says otherwise or not at all.
 
-    root: of the file. The robot is every tree of bodies with a joint that an actuator
-    moves, or without actuators with any joint. One that begins with a body that is fixed or floats has it as its root,
-    otherwise the root is the world. Sites are links, too: frames of tools are among them.
-
-    Raises InputError for a file that MuJoCo cannot read or that has no such tree, or if it is not installed.
+    root: of the file. The robot is every tree of bodies with a joint that an actuator moves, or without actuators with
+    any joint. If there is one, and it begins with a body that is fixed or floats, that is the root, else the world is.
+    Named sites are links. Raises InputError for a file that MuJoCo cannot read, or that has no such tree.
     """
     scene = _compiled(path)
     model, bases = scene.model, _bases(scene)
@@ -79,25 +73,24 @@ def mjcf_as_urdf(path: Path, root: Element) -> tuple[Told, tuple[Problem, ...]]:
     own = {body: _moving(scene, body) for body in bodies}
     whole = len(bases) == 1 and not own[bases[0]]
     following, held = _followers(scene, {joint for joints in own.values() for joint in joints})
-    told = [] if whole else [scene.told("link", {"name": WORLD})]
+    told = [] if whole else [_told("link", {"name": WORLD})]
     taken = {model.body(body).name for body in range(model.nbody)}
     for body in bodies:
         told.append(_link(scene, body))
-        if not whole or body != bases[0]:
+        if len(told) > 1:  # it is not the root
             told += _joints_to(scene, body, own[body], following, held)
         for site in np.flatnonzero(model.site_bodyid == body).tolist():
             name = model.site(site).name
             if name and name not in taken:
-                X_BS = _pose(model.site_pos[site], model.site_quat[site])
-                told.append(scene.told("link", {"name": name}))
-                told.append(_joint(scene, f"{name}/fixed", (model.body(body).name, name), X_BS))
+                X_BS, link = _pose(model.site_pos[site], model.site_quat[site]), _told("link", {"name": name})
+                told += [link, _joint(f"{name}/fixed", (model.body(body).name, name), X_BS)]
 
     warnings = []
     for said, names in scene.lost.items():
         more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
         message = f"{said}: {', '.join(f'`{name}`' for name in names[:NAMED])}{more}"
         warnings.append(Problem("mjcf", message, Place(path), severity="warning"))
-    return scene.told("robot", {"name": root.attributes.get("model") or path.stem}, told), tuple(warnings)
+    return _told("robot", {"name": root.attributes.get("model") or path.stem}, told), tuple(warnings)
 
 
 def _compiled(path: Path) -> Scene:
@@ -221,8 +214,7 @@ def _followers(scene: Scene, moving: set[int]) -> tuple[dict[int, Follower], dic
         elif other not in following:
             following[other] = one, 1.0 / b, ref[other] - (ref[one] + a) / b
         if any(more):
-            said = "joints that follow another one by a curve, taken as straight"
-            scene.lost.setdefault(said, []).append(model.joint(one).name)
+            scene.lost.setdefault("joints that follow by a curve, taken as straight", []).append(model.joint(one).name)
     for joint, (leader, b, a) in [*following.items()]:
         passed = {joint}
         while leader in following and leader not in passed:  # a chain of them
@@ -256,18 +248,18 @@ def _link(scene: Scene, body: int) -> Told:
             shape = ROUND[kind], {"radius": _text((x,)), **({} if kind == SPHERE else {"length": _text((2 * y,))})}
         else:
             continue
-        inside = [_origin(scene, X_BG), scene.told("geometry", {}, [scene.told(*shape)])]
+        inside = [_origin(X_BG), _told("geometry", {}, [_told(*shape)])]
         tags = ["collision"] if touching[geom] else []
         if model.geom_rgba[geom, 3] > 0.0 and (not touching[geom] or int(model.geom_group[geom]) in drawn):
             tags.append("visual")
-        pieces += [scene.told(tag, {"name": called}, inside) for tag in tags]
+        pieces += [_told(tag, {"name": called}, inside) for tag in tags]
     if name in scene.weighed and (mass := float(model.body_mass[body])) > 0.0:
         X_BI = _pose(model.body_ipos[body], model.body_iquat[body])
         moments = X_BI[:3, :3] @ np.diag(model.body_inertia[body]) @ X_BI[:3, :3].T
         stated = {f"i{'xyz'[i]}{'xyz'[j]}": _text((moments[i, j],)) for i in range(3) for j in range(i, 3)}
-        inside = [scene.told("mass", {"value": _text((mass,))}), scene.told("inertia", stated)]
-        pieces.append(scene.told("inertial", {}, [_origin(scene, pose(position=X_BI[:3, 3])), *inside]))
-    return scene.told("link", {"name": name}, pieces)
+        inside = [_told("mass", {"value": _text((mass,))}), _told("inertia", stated)]
+        pieces.append(_told("inertial", {}, [_origin(pose(position=X_BI[:3, 3])), *inside]))
+    return _told("link", {"name": name}, pieces)
 
 
 def _joints_to(
@@ -290,18 +282,18 @@ def _joints_to(
         child = name if joint == joints[-1] and not model.jnt_pos[joint].any() else f"{called}/axis"
         lower, upper = model.jnt_range[joint].tolist() if bounded else (0.0, 0.0)
         limit = {"lower": _text((lower,)), "upper": _text((upper,)), "effort": _text((motors.get(joint, 0.0),))}
-        more = [scene.told("axis", {"xyz": _text(axis)}), scene.told("limit", limit)]
+        more = [_told("axis", {"xyz": _text(axis)}), _told("limit", limit)]
         if joint in following:
             leader, b, a = following[joint]
             follows = {"joint": model.joint(leader).name, "multiplier": _text((b,)), "offset": _text((a,))}
-            more.append(scene.told("mimic", follows))
+            more.append(_told("mimic", follows))
         kind = "prismatic" if not turns else "revolute" if bounded else "continuous"
-        yield _joint(scene, called, (carrier, child), X_PJ, kind, more)
+        yield _joint(called, (carrier, child), X_PJ, kind, more)
         if child != name:
-            yield scene.told("link", {"name": child})
+            yield _told("link", {"name": child})
         carrier = child
     if carrier != name:
-        yield _joint(scene, f"{name}/fixed", (carrier, name), X_PB)
+        yield _joint(f"{name}/fixed", (carrier, name), X_PB)
 
 
 def _pose(position: Array, wxyz: Array) -> Array:
@@ -309,15 +301,17 @@ def _pose(position: Array, wxyz: Array) -> Array:
     return pose(quaternion_to_matrix(np.roll(wxyz, -1)), position)
 
 
-def _joint(
-    scene: Scene, name: str, links: tuple[str, str], X_PJ: Array, kind: str = "fixed", more: Iterable[Told] = ()
-) -> Told:
-    ends = [scene.told(tag, {"link": link}) for tag, link in zip(("parent", "child"), links, strict=True)]
-    return scene.told("joint", {"name": name, "type": kind}, [*ends, _origin(scene, X_PJ), *more])
+def _joint(name: str, links: tuple[str, str], X_PJ: Array, kind: str = "fixed", more: Iterable[Told] = ()) -> Told:
+    ends = [_told(tag, {"link": link}) for tag, link in zip(("parent", "child"), links, strict=True)]
+    return _told("joint", {"name": name, "type": kind}, [*ends, _origin(X_PJ), *more])
 
 
-def _origin(scene: Scene, X: Array) -> Told:
-    return scene.told("origin", {"xyz": _text(X[:3, 3]), "rpy": _text(matrix_to_rpy(X[:3, :3]))})
+def _told(tag: str, attributes: Mapping[str, str], inside: Iterable[Told] = ()) -> Told:
+    return [tag, attributes, "", None, None, [*inside]]
+
+
+def _origin(X: Array) -> Told:
+    return _told("origin", {"xyz": _text(X[:3, 3]), "rpy": _text(matrix_to_rpy(X[:3, :3]))})
 
 
 def _text(values: Iterable[float]) -> str:

@@ -94,7 +94,7 @@ def read_robot_xml(path: Path, source: RobotSource | None = None, *, mjcf: bool 
     if root.tag == ROOT:
         return RobotXml(root, None, content)
     told, warnings = mjcf_as_urdf(path, root)
-    robot, text = _described(told)
+    robot, text = _described(told, path)
     return RobotXml(robot, text, text.encode(), warnings=warnings, is_mjcf=True)
 
 
@@ -138,7 +138,7 @@ def _expanded(path: Path, source: RobotSource) -> RobotXml:
         if name not in known:
             message = f"the file takes no argument `{name}`; {expected_names(name, known)}"
             raise bad_input("xacro-argument", message, Place(path))
-    root, text = _described(found["root"])
+    root, text = _described(found["root"], path)
     if root.tag != ROOT:
         raise root.error("wrong-root", f"the file begins with <{root.tag}>, expected <{ROOT}>")
     old = next((child for child in root.children if child.tag in _OLD_TAGS), None)
@@ -148,22 +148,22 @@ def _expanded(path: Path, source: RobotSource) -> RobotXml:
     return RobotXml(root, text, text.encode(), (*found["packages"],), (*warnings,))
 
 
-def _described(told: list[Any]) -> tuple[Element, str]:
-    """A description as `_element` takes it, and as XML."""
+def _described(told: list[Any], path: Path) -> tuple[Element, str]:
+    """A description as `_element` takes it, and as XML; path: of what has no place of its own."""
     lines = list[str]()
-    return _element(told, 0, lines), "\n".join(lines) + "\n"
+    return _element(told, 0, lines, path), "\n".join(lines) + "\n"
 
 
-def _element(told: list[Any], depth: int, lines: list[str]) -> Element:
+def _element(told: list[Any], depth: int, lines: list[str], path: Path) -> Element:
     """An element as the other process tells it; lines: gets it as XML, with attributes in alphabetical order."""
     from xml.sax.saxutils import quoteattr  # loads much of the network's library, and few descriptions are expanded
 
     tag, attributes, file, line, column, children = told
-    place, indent = Place(Path(file), line, column), "  " * depth
+    place, indent = Place(Path(file or path), line, column), "  " * depth
     if depth > MAX_DEPTH:
         raise bad_input("nesting-too-deep", f"elements are nested deeper than {MAX_DEPTH} levels", place)
     shown = "".join(f" {name}={quoteattr(value)}" for name, value in sorted(attributes.items()))
     lines.append(f"{indent}<{tag}{shown}{'' if children else '/'}>")
-    element = Element(tag, attributes, place, [_element(child, depth + 1, lines) for child in children])
+    element = Element(tag, attributes, place, [_element(child, depth + 1, lines, path) for child in children])
     lines += [f"{indent}</{tag}>"] if children else []
     return element

@@ -24,6 +24,7 @@ MOST_SHARED = 4
 """Joints that an arm has to itself, in addition to those that it shares with another one, such as a torso."""
 
 LEAST_SWING = 0.02  # least distance of a tool from an axis that swings it [m]
+LEAST_ACROSS = 1.2  # that distance as a share of the one along the axis, at least
 LONGEST_FINGER = 2  # most joints of a finger in a row; a branch with more is an arm
 
 
@@ -74,7 +75,11 @@ def guess_arm(urdf: UrdfModel, tip: str | None = None) -> ArmGuess:
             if chain is not arm and long:
                 others.append(_tip(urdf, chain))
     last = arm[-1]
-    may_swing = len(arm) < AXES_OF_A_POSE and last.type != "prismatic"
+    slides = [urdf.pose_in(urdf.root, joint.child)[:3, :3] @ joint.axis for joint in arm if joint.type == "prismatic"]
+    axes = (
+        len(arm) - len(slides) + (int(np.linalg.matrix_rank(slides, tol=1e-3)) if slides else 0)
+    )  # one of a telescope
+    may_swing = axes < AXES_OF_A_POSE and last.type != "prismatic"
     return ArmGuess(
         joints=tuple(driving_joints(arm, urdf.movable_joints)),
         tip=tip,
@@ -132,7 +137,7 @@ def _outward(urdf: UrdfModel, last: UrdfJoint, tip: str, *, may_swing: bool) -> 
     away = X_JT[:3, 3] + sum((urdf.pose_in(last.child, link)[:3, 3] for link in rigid), np.zeros(3))
     across = away - last.axis * (away @ last.axis)
     far = np.linalg.norm(across)
-    if may_swing and far > LEAST_SWING and far > 2.0 * abs(away @ last.axis):
+    if may_swing and far > LEAST_SWING and far > LEAST_ACROSS * abs(away @ last.axis):
         return X_JT[:3, :3].T @ (across / far)
     if abs(away @ last.axis) < 1e-3:
         # The tool frame lies in the joint's origin: continue the direction that led to it.

@@ -202,7 +202,7 @@ def _text(value: str) -> str:
 
 
 def _position(at: float, slides: bool) -> str:
-    return f"{_number(at)} m" if slides else f"{round(degrees(at), 1) + 0.0:g} deg"
+    return f"{_number(at)} m" if slides else f"{round(degrees(at), 2) + 0.0:g} deg"
 
 
 def _pose(X: Array) -> str:

@@ -17,6 +17,7 @@ from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace_file import WORKSPACE_FILE
 from sqrp_cli.checks.lint import lint
 from sqrp_cli.errors import Infeasible, InputError, Place, Problem, bad_input, bad_option
+from sqrp_cli.geometry import Array
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.files import naming, no_folder
 from sqrp_cli.starter import search
@@ -46,6 +47,8 @@ SMALL, CLOSER = 0.5, {"lift: 10 cm": "lift: 5 cm", "retreat: 6 cm": "retreat: 4 
 """Reach of arms that lift and approach less [m], and what their skill states instead."""
 
 _MEND_GRIPPER = "leave `--gripper` out, then state it as `robot.tool`, with `boxes` or its `urdf`, and `robot.fingers`"
+
+TOLERANT = "\n  angle_tolerance: 0.5 deg  # check: a limit of the wrist leaves the tool that far from straight down"
 
 ASSUMED = {"acceleration": 2, "jerk": 20}
 """Limits that a URDF cannot state: gentle ones [rad/s^2, rad/s^3, or m for a sliding joint]."""
@@ -227,15 +230,16 @@ def _tried(
 
     A layout with home position, reachable cubes and cameras, as far as they are found, for each stand.
     """
-    bare, bare_layout = _load(layout), layout
-    layout = _with_hand(bare_layout, description, arm, bare)
-    seated = _load(layout)
-    reach, down = search.arm_reach(seated.model), search.places_pointing_down(seated.model)
-    if not len(down):  # it may point the other way only: the tool frame is upside down
-        turned = _with_hand(bare_layout, description, replace(arm, out=-arm.out), bare)
-        other = _load(turned)
-        if len(upside := search.places_pointing_down(other.model)):
-            layout, seated, down = turned, other, upside
+    bare, ways = _load(layout), list[tuple[Layout, Cell, Array]]()
+    # Where the tool never points down, its frame may be upside down, or a limit of the wrist rounded.
+    for out, limits in ((arm.out, ""), (-arm.out, ""), (arm.out, TOLERANT)):
+        found = _with_hand(replace(layout, limits=layout.limits + limits), description, replace(arm, out=out), bare)
+        seated = _load(found)
+        ways.append((found, seated, search.places_pointing_down(seated.model)))
+        if len(ways[-1][2]):
+            break
+    layout, seated, down = ways[-1] if len(ways[-1][2]) else ways[0]
+    reach = search.arm_reach(seated.model)
     size = _cube_size(reach, layout.grip)
     if reach < SMALL:
         _restate(layout, CLOSER)
@@ -250,11 +254,11 @@ def _tried(
             for places in (None, down):
                 trial = [*search.cube_places(cell.model, reach, home, places)]
                 why = "there is no place on the table for anything"
-                found: Sequence[Cube] = ()
+                taken: Sequence[Cube] = ()
                 if trial:
-                    found, why = search.cubes_in_reach(_load(replace(home, cubes=trial)), trial)
-                if places is None or len(found) > len(cubes):
-                    cubes, reason = found, why
+                    taken, why = search.cubes_in_reach(_load(replace(home, cubes=trial)), trial)
+                if places is None or len(taken) > len(cubes):
+                    cubes, reason = taken, why
                 if len(cubes) == len(search.COLORS):
                     break
             there = replace(home, cubes=cubes, views=search.views_of(cell, home, cubes, LIFT) if cubes else {})

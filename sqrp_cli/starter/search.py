@@ -177,13 +177,15 @@ def find_home(cell: Cell, reach: float, layout: Layout, down: Array) -> Layout |
     Of the IK branches at the first place that has any, the one that keeps the joints high and turns them little.
     """
     model, tried, first = cell.model, 0, ""
+    unit, fine = np.where(model.turns, pi / 180, 1e-3), np.where(model.turns, pi / 18000, 1e-4)
     for X_WT, direction in _homes(model, reach, layout.directions, pose(position=(0.0, 0.0, layout.lift)) @ down):
         if first and not may_reach(model, X_WT[None]):
             tried += 1
             continue
         found = all_solutions(model, X_WT)
         q = np.empty((0, len(model.arm))) if isinstance(found, Unreachable) else found
-        q = np.where(model.turns, np.radians(np.round(np.degrees(q))), np.round(q, 3))
+        q = np.round(q / unit) * unit  # as the file has them, where a limit is closer a hundredth or a tenth of that
+        q = np.clip(q, np.ceil(model.lower / fine) * fine, np.floor(model.upper / fine) * fine)
         q = q[((q >= model.lower) & (q <= model.upper)).all(axis=1)]
         contacts = cell.collision.placed(cell.initial_world).check_all(q) if len(q) else ()
         free = [one for one, contact in zip(q, contacts, strict=True) if contact is None]
