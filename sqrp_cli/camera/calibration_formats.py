@@ -491,13 +491,17 @@ def _coefficients(
     stated = [word for word in COEFFICIENTS if word in values]
     if not stated:
         return None, (), model
-    short = shortened(model or "")
-    if short in FACTS["distortions"] and FACTS["distortions"][short][1]:
-        names = FACTS["distortions"][short][1].split()
+    ours, told, *_ = FACTS["distortions"].get(shortened(model or ""), ("", ""))
+    if told:
+        names = ["k2", "k3", "k4", "k5"] if "k5" in stated and "k1" not in stated else told.split()  # of camodocal
         missing = next((word for word in names[:4] if word not in values and word[0] == "k"), None)
         if missing and "projection_parameters" in part.data:
             raise part.error("missing-key", ("projection_parameters",), f"lacks the parameter `{missing}` of `{model}`")
-        return [values.get(word, 0.0) for word in names], at[stated[0]], model
+        more = next((word for word in stated if word not in names and values[word]), None)
+        if more is None:
+            return [values.get(word, 0.0) for word in names], at[stated[0]], model
+        if ours == "equidistant":
+            raise part.error("wrong-length", at[more], f"found {values[more]:g}, but `{model}` has only {told}")
     if "k4" in stated and "p1" not in stated and "k5" not in stated:
         return [values.get(word, 0.0) for word in ("k1", "k2", "k3", "k4")], at[stated[0]], None
     D = [values.get(word, 0.0) for word in COEFFICIENTS]

@@ -29,8 +29,8 @@ _PAIR = re.compile(
 """Keys of the two parts of a pose: rotation and position, with what is the same in both before and behind it."""
 _OTHER_PAIR = re.compile(r"()(?:(rotation|rot|r)|(translation|trans|t))(.*)")  # such as `Rg_c` and `tg_c`
 _CARRIER = "(?:base|gripper|world|tool|ee|flange|hand|robot|link)"
-_OF_CAMERA = re.compile(rf"cam(?:era)?\d*(?:in|to|2){_CARRIER}|c2w")
-_OF_FRAME = re.compile(rf"{_CARRIER}(?:to|2)cam|w2c")
+_OF_CAMERA = re.compile(rf"cam(?:era)?\d*(?:in|to|2){_CARRIER}|^(?:cam|pose|t|r)?c2w")
+_OF_FRAME = re.compile(rf"{_CARRIER}(?:to|2)cam|^(?:cam|pose|t|r)?w2c")
 _ROTATIONS = {"rotvec": 3, "rpy": 3, "zyx": 3, "xyzw": 4, "wxyz": 4}  # numbers of a notation
 MOST_NESTED = 5  # levels of a file in which poses are looked for
 NEAR_ROTATION = 0.01  # how far rows of a rounded rotation matrix may be from orthonormal
