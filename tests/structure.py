@@ -27,7 +27,7 @@ ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_356),
     "files": ("files", 2_055),
     "robot": ("robot", 3_116),
-    "camera": ("camera", 2_371),
+    "camera": ("camera", 2_375),
     "cell": ("cell", 3_574),
     "logic": ("logic", 2_336),
     "skill, program, recording": ("skill program recording", 2_809),
