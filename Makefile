@@ -39,7 +39,7 @@ rank: .venv/rank
 run: .venv/run
 	mkdir -p build && rm -f build/pick.yaml
 	$(BIN)/sqrp rank workspaces/tabletop "pickup green" --program build/pick.yaml
-	$(BIN)/sqrp run build/pick.yaml --sim --fault slip@a4+0.7
+	$(BIN)/sqrp run build/pick.yaml --sim --fault slip@lift+0.7
 
 # Every test but the trials; `pytest` alone leaves out the slow ones, too.
 test: all

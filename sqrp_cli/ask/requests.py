@@ -314,8 +314,8 @@ class RunRequest(Request):
 
     faults: Sequence[str] = option(
         "--fault FAULT",
-        "Let this happen: slip@lift+0.4, slip@a4:random, slip@7.2, miss-pick, camera-loss:cam2@5, frozen:cam1@3, "
-        "latency:cam3=0.5, perception-crash:cam1@4, 2:slip@a4 in step 2; repeatable.",
+        "Let this happen: slip@lift+0.4, slip@lift:random, slip@7.2, miss-pick, camera-loss:cam2@5, frozen:cam1@3, "
+        "latency:cam3=0.5, perception-crash:cam1@4, 2:slip@lift in step 2; repeatable.",
         values.texts("texts such as ['slip@lift+0.4']"),
         default=(),
         kw_only=False,

@@ -5,12 +5,12 @@ These are too small to be seen, empty, moving with a lost object, or missing.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from itertools import product
 
 import numpy as np
 
-from sqrp_cli.camera.camera import Camera
+from sqrp_cli.camera.camera import Camera, assumed_latency
 from sqrp_cli.camera.light import COLORS, hue_of, look_alike
 from sqrp_cli.cell.facts import holding_skills
 from sqrp_cli.cell.scene import SceneObject
@@ -137,6 +137,13 @@ def without_hue(workspace: Workspace) -> dict[str | None, list[str]]:
         if (item.color is None or hue_of(item.color) is None) and not item.fixed:
             found.setdefault(item.color, []).append(item.name)
     return found
+
+
+def assumptions(workspace: Workspace, named: Collection[str]) -> str:
+    """What figures assume of detectors and cameras, in words; empty where nothing is. named: objects that count."""
+    unseen = [name for names in without_hue(workspace).values() for name in names if name in named]
+    seen = [f"a detector is assumed that sees {first_names(unseen)}, whose colour none here sees"] if unseen else []
+    return "; ".join(filter(None, (*seen, assumed_latency(workspace.cameras.values()))))
 
 
 def _sought_by_color(workspace: Workspace) -> list[SceneObject]:

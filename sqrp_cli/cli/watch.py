@@ -142,7 +142,7 @@ def view_of(answer: Document) -> AnswerView:
     match answer:
         case Ranking() | ExplainedAll():
             for one in answer.candidates:
-                rows[one.name] = ("infeasible" if one.rank is None else f"{one.rank}", *_figures(one))
+                rows[one.name] = ("cannot be done" if one.rank is None else f"{one.rank}", *_figures(one))
             first = next(iter(answer.candidates), None) if isinstance(answer, Ranking) else None
         case Explanation():
             columns, first = ("", answer.name), answer

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from sqrp_cli.records import dataclass
 
+NOT = "not "
+"""How a negated literal begins."""
+
 
 @dataclass(frozen=True, order=True)
 class Atom:
@@ -31,7 +34,7 @@ class Literal:
     positive: bool = True
 
     def __str__(self) -> str:
-        return str(self.atom) if self.positive else f"not {self.atom}"
+        return str(self.atom) if self.positive else f"{NOT}{self.atom}"
 
     def negated(self) -> Literal:
         """The opposite literal."""

@@ -19,8 +19,9 @@ from sqrp_cli.figures import FaultMetrics, Seconds, Share
 from sqrp_cli.files.entries import Entry, FileRecord, Finite, SerializedAs, refused
 from sqrp_cli.files.units import read_quantity
 from sqrp_cli.logic.image_time import Onset, Window, delays
+from sqrp_cli.logic.literal import NOT
 from sqrp_cli.skill.settings import ANY, FASTEST
-from sqrp_cli.skill.target_box import TargetBox
+from sqrp_cli.skill.target_box import TargetBox, fact_words
 from sqrp_cli.trajectory import Trajectory
 
 Numbers = tuple[Finite, ...]
@@ -129,17 +130,19 @@ class ProgramResponse(Entry):
     when: str | None = None
 
 
-class ProgramFormula(Entry):
+class ProgramFormula(_Sparse):
     """A formula to be monitored, with the response to its violation, or to seeing its fault.
 
     formula: about objects, all times in seconds from the start of the step. fault: name of the fault that it describes;
-    None if it describes none. settle: time that a literal may lag behind its expected change [s].
+    None if it describes none. settle: time that a literal may lag behind its expected change [s]. words: what happens
+    at that fault, such as `it slips while it is lifted`; programs of earlier versions lack it.
     """
 
     formula: str
     fault: str | None
     settle: Seconds
     response: ProgramResponse
+    words: str | None = None
 
 
 Spans = tuple[tuple[Seconds, Seconds], ...]  # intervals from the start of the step [s]
@@ -252,6 +255,16 @@ class Step(Entry):
                 fitting += [one for one in texts if one in (ANY, FASTEST)]
                 words += [f"{name}={one}" for one in fitting[:1]]
         return " ".join(words)
+
+    def in_words(self, literal: str) -> str:
+        """What a literal says, such as `the tool does not hold g2`."""
+        target = self.targets.get(literal.removeprefix(NOT))
+        return fact_words(literal, () if target is None else target.boxes, self.before.X_WO)
+
+    @property
+    def says(self) -> dict[str, str]:
+        """Every fact that formulas are about in words, by atom."""
+        return {atom: self.in_words(atom) for atom in self.targets}
 
     @property
     def held_after(self) -> tuple[str | None, ...]:

@@ -35,7 +35,7 @@ _AT, _BY = re.compile(r":(?P<camera>[^@=]+)@(?P<time>.+)"), re.compile(r":(?P<ca
 _SLIP = r"@(?:(?P<primitive>[A-Za-z_][\w -]*)(?:\+(?P<offset>.+)|(?P<random>:random))?|(?P<time>[.\d].*))"
 _JOINTS_AT, _JOINTS_BY = re.compile(r"@(?P<time>.*)", re.DOTALL), re.compile(r"=(?P<delay>.*)", re.DOTALL)
 _KINDS: tuple[tuple[FaultKind, str, re.Pattern[str], str], ...] = (
-    ("slip", "slip@lift+0.4, slip@a4:random or slip@7.2", re.compile(_SLIP), "when it slips"),
+    ("slip", "slip@lift+0.4, slip@lift:random or slip@7.2", re.compile(_SLIP), "when it slips"),
     ("miss-pick", "miss-pick", re.compile(""), "just `miss-pick`"),
     ("camera-loss", "camera-loss:cam2@5.0", _AT, "the camera and when it happens"),
     ("frozen", "frozen:cam1@3", _AT, "the camera and when it happens"),

@@ -60,7 +60,8 @@ def step_began(step: Step, number: int) -> Mapping[str, Any]:
         pose = [[round(x, DIGITS) + 0.0 for x in row] for row in X_FB.tolist()]
         boxes[atom].append(AskedBox(frame=frame, size=list(box.size), pose=pose))
     parameters, time = dict(step.parameters), round(step.time, 6)
-    return {"number": number, "skill": step.skill, "parameters": parameters, "time": time, "boxes": boxes}
+    said = {"number": number, "skill": step.skill, "parameters": parameters, "time": time}
+    return {**said, "boxes": boxes, "says": step.says}
 
 
 def write_planned_run(path: Path, program: Program, workspace: Workspace) -> None:

@@ -139,7 +139,7 @@ class Run:
     def _run_step(self, index: int, step: Step) -> None:
         """Run a step, with as many retries as its response to a fault allows. Raises Stopped if that does not help."""
         lockstep, tracker, report = self._lockstep, self._lockstep.faults, self._report
-        record = StepRecord(step.skill, step.parameters, step.short_task, lockstep.now)
+        record = StepRecord(step.skill, step.parameters, step.short_task, lockstep.now, says=step.says)
         report.steps.append(record)
         lockstep.command_hold(holding=step.before.held is not None)
         while True:
@@ -154,7 +154,7 @@ class Run:
             for fault in tracker.open if alarm.kind == "violation" else ():  # images show that something is wrong
                 fault.detected = lockstep.now if fault.detected is None else fault.detected
             if response.action != "retry" or retries >= response.retries:
-                after = f" after {retries} {'retry' if retries == 1 else 'retries'}" if retries else ""
+                after = f", after {retries} {'retry' if retries == 1 else 'retries'}" if retries else ""
                 raise Stopped(f"{alarm.text}{after}")
             step = prepare_retry(lockstep, self._replanner, attempt, alarm)
             record.attempts += 1
@@ -242,6 +242,7 @@ def prepare_retry(lockstep: Lockstep, replanner: Replanner, attempt: Attempt, al
     where objects are. Raises Stopped where the condition is not seen or no motion is found.
     """
     condition = None if alarm.response.when is None else read_formula(alarm.response.when)
+    atoms = {str(one.atom) for one in (nested(condition) if condition else ()) if isinstance(one, Predicate)}
     collector, motion, when, before = lockstep.collector, lockstep.motion, alarm.response.when, attempt.step.before
 
     def is_seen() -> bool:
@@ -254,7 +255,6 @@ def prepare_retry(lockstep: Lockstep, replanner: Replanner, attempt: Attempt, al
     if when is not None and condition is not None and not is_seen():
         # The next place along the motion from which all atoms of the condition are predicted to be seen, else its end.
         tau, end, nominal = motion.step_time(lockstep.now), attempt.step.time, attempt.nominal
-        atoms = {str(part.atom) for part in nested(condition) if isinstance(part, Predicate)}
         stop_at, cameras = end, list[str]()
         for begin in np.arange(min(tau, end), end, SPACING).tolist():
             stands = motion.standing_time(begin)
@@ -283,7 +283,8 @@ def prepare_retry(lockstep: Lockstep, replanner: Replanner, attempt: Attempt, al
     until = lockstep.now + LOOK_AGAIN
     while when is not None and not (collector.complete and is_seen()):
         if lockstep.now >= until - 1e-9:
-            raise Stopped(f"`{when}` was not seen within {LOOK_AGAIN:g} s of standing{where}, so there is no retry")
+            told = " and ".join(f"whether {attempt.step.in_words(atom)}" for atom in sorted(atoms))
+            raise Stopped(f"{told} was not seen within {LOOK_AGAIN:g} s of standing{where}, so there is no retry")
         lockstep.pass_time(until)
     # The world as the images show it: objects where they were located, facts by evidence.
     X_WO = dict(before.X_WO)
@@ -296,5 +297,5 @@ def prepare_retry(lockstep: Lockstep, replanner: Replanner, attempt: Attempt, al
     joints = {name: measured.get(name, value) for name, value in before.joints.items()}
     world = replace(before, facts=(before.facts | seen) - refuted, X_WO=X_WO, joints=joints)
     if (planned := replanner(attempt.step, world)) is None:
-        raise Stopped(f"{attempt.step.skill} cannot be tried again: no feasible motion from here")
+        raise Stopped(f"{attempt.step.skill} cannot be tried again: no motion from here can be done")
     return planned

@@ -191,6 +191,8 @@ class TaskScore(Record):
     """The first in the ranking; null if none is feasible."""
     baseline: Comparison | None = None
     """What changed since the baseline; null without a baseline, or after an error."""
+    assumed: str = ""
+    """What its times assume of detectors and cameras, in words; empty where nothing is assumed."""
     ways: Mapping[str, CandidateResult] = live(factory=dict)
     """The best candidate for every choice of objects, by `way_name`; infeasible where none of them is feasible."""
     request: Any = live()

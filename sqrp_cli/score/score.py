@@ -12,7 +12,7 @@ from sqrp_cli.cell.canonical_values import digest_of_values, with_skills
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import ExpectedTask, Workspace
 from sqrp_cli.cell.workspace_file import WORKSPACE_FILE, workspace_file
-from sqrp_cli.checks.lint import lint
+from sqrp_cli.checks.lint import assumptions, lint
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.figures import FIGURE_NAMES, falls_short
 from sqrp_cli.platform.processes import Progress
@@ -174,7 +174,7 @@ def _task_score(workspace: str, task: ScoredTask, computer: Computer) -> TaskSco
     ways: dict[str, CandidateResult] = {}
     for ranked in ranking:
         ways.setdefault(way_name(ranked.candidate), ranked)
-    first = ranking[0]
+    first, named = ranking[0], {name for one in results for name in one.candidate.binding.values()}
     best = described(first) if first.feasible else None
     reasons = shortcomings(
         best,
@@ -196,6 +196,7 @@ def _task_score(workspace: str, task: ScoredTask, computer: Computer) -> TaskSco
         best=best,
         ways=ways,
         request=task.requests[0],
+        assumed=assumptions(task.requests[0].workspace, named),
     )
 
 

@@ -239,6 +239,11 @@ class AdviceDocument(TaskDocument):
     """What `before` is about."""
 
     @property
+    def choice(self) -> int:
+        """The number of the change to take: the first that costs nothing outside the motion, else the first."""
+        return next((n for n, one in enumerate(self.advice, 1) if one.kind in MOTION or not one.worse), 1)
+
+    @property
     def whose_figures(self) -> str:
         """Whose figures they are, where that matters: changes of the cell may let other ways be better."""
         if self.ways == "first" or all(one.kind in MOTION for one in self.advice):

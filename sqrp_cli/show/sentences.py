@@ -115,6 +115,12 @@ def noticed_late(found: CandidateResult) -> list[str]:
     ]
 
 
+def told(found: CandidateResult) -> list[str]:
+    """What a feasible candidate means, and why its faults are noticed late or never: all but where it is not seen."""
+    meaning = what_it_means(found)
+    return [f"{meaning[0].upper()}{meaning[1:]}", *never_noticed([found]), *noticed_late(found)]
+
+
 def differing_parameters(candidates: Sequence[CandidateResult]) -> list[str]:
     """Names of the parameters in which candidates differ; the first one if they are all the same."""
     words = [{**one.objects, **one.settings} for one in candidates]

@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 from sqrp_cli.files.entries import Direction, Entry, Extents, FileRecord, Finite, Length, Name, Pose, PoseMatrix, Text
 from sqrp_cli.files.frames import AT_START, TOOL, WORLD
 from sqrp_cli.geometry import Array, read_only
-from sqrp_cli.logic.literal import Atom
+from sqrp_cli.logic.literal import NOT, Atom
 from sqrp_cli.records import dataclass
 
 UnitVector = Annotated[Direction, AfterValidator(lambda vector: tuple((vector / np.linalg.norm(vector)).tolist()))]
@@ -108,24 +108,26 @@ class TargetBox(FileRecord):
         return cls(name=name, frame=name, encloses=(name,), **fields)
 
 
-def fact_words(atom: str, boxes: Iterable[TargetBox], objects: Container[str]) -> str:
-    """What an atom says of the things that its boxes enclose: `the tool holds g1`, `g1 stands on tray`.
+def fact_words(literal: str, boxes: Iterable[TargetBox], objects: Container[str]) -> str:
+    """What a literal says of the things that its boxes enclose: `the tool holds g1`, `g1 does not stand on tray`.
 
     objects: the names of all objects; other frames of boxes are links, which only the tool's boxes have. Of an atom
     about which the boxes do not say so, its name: "`open` holds".
     """
+    atom = literal.removeprefix(NOT)
+    holds, stands, be = ("holds", "stands", "is") if atom == literal else ("does not hold", "does not stand", "is not")
     if atom == JAWS:
-        return "the jaws are where they should be"
+        return f"the jaws are{' not' * (atom != literal)} where they should be"
     for box in boxes:
         name, place = object_of(atom, box, objects), box.frame.removesuffix(AT_START)
         if name is None or place == WORLD:
             continue
         if place not in objects:
-            return f"the tool holds {name}"
+            return f"the tool {holds} {name}"
         if place != box.frame or place != name:
-            return f"{name} stands {'where it stood' if place == name else f'on {place}'}"
-        return f"{name} is where it should be"
-    return f"`{atom}` holds"
+            return f"{name} {stands} {'where it stood' if place == name else f'on {place}'}"
+        return f"{name} {be} where it should be"
+    return f"`{atom}` {holds}"
 
 
 def object_of(atom: str, box: TargetBox, objects: Container[str]) -> str | None:

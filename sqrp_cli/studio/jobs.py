@@ -132,6 +132,7 @@ class _Watching:
     _shown: dict[str, float] = field(default_factory=dict)
     _state: dict[str, Any] = field(default_factory=lambda: {"q": {}, "objects": {}, "held": None})
     _joints: list[str] = field(default_factory=list)
+    _says: dict[str, str] = field(default_factory=dict)
 
     # As a screen
 
@@ -200,8 +201,11 @@ class _Watching:
                 for atom, one in event.literals.items():
                     cameras = {name: truth.word for name, truth in one.cameras.items()}
                     flags = {"asked": one.asked, "predicted": one.predicted}
-                    shown[atom] = {"value": one.value.word, **flags, "cameras": cameras}
+                    said = {"says": self._says.get(atom, atom), "value": one.value.word}
+                    shown[atom] = {**said, **flags, "cameras": cameras}
                 tell(self.pipe, "run-evidence", t=event.t, literals=shown)
+            case "step":
+                self._says = event.says
             case "primitive":
                 tell(self.pipe, "run-doing", t=event.t, text=event.does or event.name)
             case "done" | "stopped" | "missed":

@@ -78,7 +78,7 @@ def make_step(task: str, analysis: Analysis, result: CandidateResult, cameras: t
     candidate, motion = analysis.planned.candidate, analysis.planned.motion
     lists = argument_lists(candidate.skill.action)
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
-    formulas = list[record.ProgramFormula]()
+    formulas, words = list[record.ProgramFormula](), candidate.skill.fault_words
     for requirement in candidate.skill.requirements:
         response, when = requirement.stated.response, requirement.retry_when
         if isinstance(response, RetryEntry):
@@ -97,6 +97,7 @@ def make_step(task: str, analysis: Analysis, result: CandidateResult, cameras: t
                 fault=requirement.name,
                 settle=requirement.stated.settle,
                 response=answer,
+                words=words.get(requirement.name or ""),
             )
         )
     observation, t = analysis.timeline.observation, analysis.timeline.samples.t

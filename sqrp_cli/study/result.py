@@ -223,7 +223,7 @@ class CandidateResult(Figures):
     def brief(self) -> str:
         """Its name and quality."""
         if not self.feasible:
-            return f"{self.name}, infeasible"
+            return f"{self.name}, cannot be done"
         return self.name if self.q_eoi is None else f"{self.name}, critical time seen {100 * self.q_eoi:.1f} %"
 
     @property

@@ -98,7 +98,7 @@ def test_figures_are_those_of_the_document_and_it_is_said_why_the_first_is_the_b
     shown = dict(zip(opened.texts("#figures dt"), opened.texts("#figures dd"), strict=True))
     shares = {"critical time seen": f"{100 * best['q_eoi']:.1f} %", "time seen": f"{100 * best['q_avg']:.1f} %"}
     assert shown == {**shares, "time": f"{best['time']:.2f} s"}
-    cells = [name, *(f"{fault[key]:.2f} s" for key in ("delay_mean", "delay_worst", "blind_longest"))]
+    cells = [best["happens"][name], *(f"{fault[key]:.2f} s" for key in ("delay_mean", "delay_worst", "blind_longest"))]
     assert opened.texts("#faults td")[:4] == cells
     (said,) = opened.texts("#summary")
     assert said.startswith("Take seen: if `moved` happens (wait, w2), you know after ")
@@ -172,7 +172,7 @@ def test_a_run_begins_with_what_happened_and_opens_there(browser, tmp_path):
     assert opened.texts("#summary") == [story(report)]
     assert opened.js("sqrp.time") == 7.47
     assert opened.texts("#moments [aria-pressed=true]") == ["7.47 s slip happens"]
-    assert opened.texts(".row.axis .now")[0] == "lift (a4)"
+    assert opened.texts(".row.axis .now")[0] == "lift"
     assert not {"critical time seen", "longest time unseen"} & set(
         opened.texts("#words dt")
     )  # nothing of it is on the page

@@ -35,7 +35,7 @@ def test_times_of_formulas_have_two_decimals_and_all_else_is_as_it_was():
 def test_an_image_has_the_same_time_where_the_start_of_its_step_is_known_to_microseconds_only(capsys, t):
     told = []
     for time in (t, t - 3e-6, t + 3e-6):
-        print_disagreements([replace(WRONG, t=time)], 1)
+        print_disagreements([replace(WRONG, t=time)], [{}])
         told.append(capsys.readouterr().out)
     assert told[0] == told[1] == told[2]
     assert f"  {t:.1f}  " in told[0]

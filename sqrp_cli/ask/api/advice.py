@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sqrp_cli.ask.api.session import Session, assess, check_choice, choose_candidate
-from sqrp_cli.camera.camera import assumed_latency
 from sqrp_cli.cell.edits import stated_look_at, with_camera, with_further_camera, with_pose, with_task
 from sqrp_cli.cell.workspace_file import read_again, replace_workspace
+from sqrp_cli.checks.lint import assumptions
 from sqrp_cli.errors import InputError, bad_option
 from sqrp_cli.figures import AdvisedFigures
 from sqrp_cli.files.source import SourceDocument
@@ -145,7 +145,7 @@ def find_advice(cell: Cell, ask: AdviseRequest, content: bytes | None = None) ->
             best=AdvisedFigures.of(best) if goal.met(best) else None,
             ways="first" if question.fixed else "best",
             starts_fastest=is_fastest(question.before),
-            assumed=assumed_latency(workspace.cameras.values()),
+            assumed=assumptions(workspace, best.candidate.binding.values()),
             session=advised,
             start=question.before,
         )

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli.ask import values
-from sqrp_cli.camera.camera import assumed_latency
 from sqrp_cli.cell.workspace import World
-from sqrp_cli.errors import Infeasible, InputError, Place, bad_input, bad_option, expected_names, first_names
+from sqrp_cli.errors import Infeasible, InputError, Place, bad_input, bad_option, expected_names
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.files import alone, check_writable, real_path
 from sqrp_cli.records import dataclass
@@ -96,14 +95,11 @@ class Session:
         place = sum(one.feasible for one in ranked) - 1
         if place >= 0 and not job.verdicts:
             ranked[place] = job.add_verdict(ranked[place])
-        from sqrp_cli.checks.lint import without_hue
+        from sqrp_cli.checks.lint import assumptions
 
         named = {name for one in ranked for name in one.candidate.binding.values()}
-        unseen = [name for names in without_hue(self.cell.workspace).values() for name in names if name in named]
-        seen = [f"a detector is assumed that sees {first_names(unseen)}, whose colour none here sees"] if unseen else []
         if ask.worst:
             ranked[: place + 1] = ranked[place::-1] if place >= 0 else []
-        latency = assumed_latency(self.cell.observer.cameras)
         return Ranking(
             workspace=self.cell.workspace.name,
             task=self.task.text,
@@ -114,7 +110,7 @@ class Session:
             interrupted=interrupted or None,
             worst_first=ask.worst,
             of=len(self.task.candidates),
-            assumed="; ".join(filter(None, (*seen, latency))),
+            assumed=assumptions(self.cell.workspace, named),
             candidates=tuple(map(described, ranked)),
             session=self,
         )
@@ -139,7 +135,7 @@ class Session:
         check_choice(self.task, choose)
         chosen = choose_candidate(ranking.candidates, choose)
         if not chosen.feasible:
-            raise bad_option(f"{chosen.name} is infeasible ({chosen.reasons[0]}), so {file} was not written")
+            raise bad_option(f"{chosen.name} cannot be done ({chosen.reasons[0]}), so {file} was not written")
         there = load_program(file).steps if file.exists() else ()
         again = _steps_of_task(there, self.task.text, self.cell.workspace)
         replaced = again if again and _same(there[-again].before, self.job.world) else 0

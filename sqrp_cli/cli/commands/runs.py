@@ -170,11 +170,12 @@ def _replay(log: Path, program: Path | None, report: Path | None, *, as_json: bo
 def _show(run: SimulatedRun, report: Path | None, *, as_json: bool) -> ExitCode:
     """Write the page, if one is wanted, and print how a run went."""
     from sqrp_cli.show.terminal.console import note
+    from sqrp_cli.show.terminal.progress_lines import Verbosity, verbosity
     from sqrp_cli.show.terminal.run_view import wall_time
 
     if report is not None and not page_is_written(report, run.write_page):
         return ExitCode.INTERRUPTED
-    if not as_json and run.wall:
+    if not as_json and run.wall and verbosity.get() is Verbosity.VERBOSE:
         note(wall_time(run))
     for fault in run.never_happened:
         note(f"--fault {fault} never happened: the run ended before, at {run.time:.2f} s")

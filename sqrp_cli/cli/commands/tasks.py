@@ -186,7 +186,7 @@ def _write_chosen(session: Session, found: Ranking, choose: str, program: Path |
         if found.best is None and program is None:
             return ExitCode.NONE_FEASIBLE, ""
         consequence = "" if program is None else f", so {program} was not written"
-        infeasible = f"{chosen.name} is infeasible ({chosen.reasons[0]})"
+        infeasible = f"{chosen.name} cannot be done ({chosen.reasons[0]})"
         why = "no candidate can be done" if choose == "best" else infeasible
         return ExitCode.NONE_FEASIBLE, f"{why}{consequence}"
     if program is None:

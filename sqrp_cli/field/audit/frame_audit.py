@@ -72,6 +72,7 @@ def audit(
     return AuditDocument(
         workspace=workspace.name,
         steps=[step.short_task for step in program.steps],
+        says=[step.says for step in program.steps],
         times=[step.time for step in program.steps],
         images=compared,
         skipped=len(footage.frames) + footage.unplanned - compared - len(footage.damaged),

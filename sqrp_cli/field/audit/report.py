@@ -87,6 +87,8 @@ class AuditDocument(WorkspaceDocument):
     document: Literal["audit"] = "audit"
     steps: list[str]
     """What each step of the program does."""
+    says: list[Mapping[str, str]] = field(default_factory=list)
+    """The facts of each step in words, such as `the tool holds g2`, by atom."""
     times: list[float]
     """How long the motion of each step takes [s]."""
     images: int
@@ -140,6 +142,7 @@ class AuditDocument(WorkspaceDocument):
         """What follows from the rest."""
         precision = total_of(self.prediction).precision
         passed = precision is not None and precision >= self.threshold and not self.not_as_stated
+        object.__setattr__(self, "says", self.says or [{} for _ in self.steps])
         object.__setattr__(self, "precision", precision)
         object.__setattr__(self, "passed", passed)
 

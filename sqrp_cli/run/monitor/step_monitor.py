@@ -13,7 +13,8 @@ from typing import Literal as OneOf
 
 from sqrp_cli.errors import Place
 from sqrp_cli.geometry import Array
-from sqrp_cli.logic.formula import Formula, Predicate
+from sqrp_cli.logic.domain import nested
+from sqrp_cli.logic.formula import Formula, Operation, Predicate
 from sqrp_cli.logic.formula_time import GroundOperator, ground_operators
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.logic.mtl_parser import parse_formula
@@ -116,10 +117,14 @@ class Attempt:
         """The formulas."""
         for entry in step.formulas:
             formula, alarm = read_formula(entry.formula), None
-            if entry.fault is not None:
-                text = f"the fault `{entry.fault}` was seen: {entry.formula}"
-                alarm = Alarm("fault", entry.fault, text, entry.response)
             operators = tuple(ground_operators(formula, {}, step.time))
+            literals = dict.fromkeys(literal for one in operators for literal in one.literals)
+            if entry.fault is not None:
+                either = any(
+                    isinstance(one, Operation) and one.operator in ("or", "implies") for one in nested(formula)
+                )
+                text = f"images showed {entry.fault}{'' if either else f': {_all_of(step, literals)}'}"
+                alarm = Alarm("fault", entry.fault, text, entry.response)
             self.watches.append(_Watch(entry, operators, Monitor(formula, step.time), alarm))
         self._contrary: dict[Literal, float] = {}
         self._missing: dict[str, float] = {}
@@ -190,7 +195,8 @@ class Attempt:
                 self._missing.pop(atom, None)
             elif t - self._missing.setdefault(atom, t) >= self._patience - _SAME:
                 cameras = ", ".join(self.nominal.covering(atom, t))
-                text = f"{atom} should be seen by {cameras}, but has not been for {self._patience:.2g} s"
+                told = f"whether {self.step.in_words(atom)} should be seen by {cameras}"
+                text = f"{told}, but has not been for {self._patience:.2g} s"
                 blindness = Alarm("blindness", atom, text, STOP)
                 break
         return alarm or blindness
@@ -207,11 +213,13 @@ class Attempt:
         for atom in self.monitored(t):
             value, expected = values.get(atom, Truth.UNKNOWN), self.nominal.holds(atom, t)
             if value == (Truth.FALSE if expected else Truth.TRUE):
-                wrong, right = (atom, f"not {atom}") if value == Truth.TRUE else (f"not {atom}", atom)
-                return Alarm("violation", atom, f"the cameras see `{wrong}`, expected `{right}`", STOP)
+                wrong = Literal(Atom.of(atom), value == Truth.TRUE)
+                text = f"images show that {_all_of(self.step, [wrong])}, which is not as planned"
+                return Alarm("violation", atom, text, STOP)
             if value == Truth.UNKNOWN and self.nominal.is_covered(atom, t):
                 cameras = ", ".join(self.nominal.covering(atom, t))
-                return Alarm("blindness", atom, f"`{atom}` should be seen by {cameras}, but is not", STOP)
+                text = f"whether {self.step.in_words(atom)} should be seen by {cameras}, but is not"
+                return Alarm("blindness", atom, text, STOP)
         return None
 
     def _seen_wrong(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
@@ -237,8 +245,8 @@ class Attempt:
                             known[literal.atom] = Truth.UNKNOWN
                 if watch.alarm is None and watch.monitor.observe(t, known) == Truth.FALSE:
                     wrong = [one for one in required if _value(one, values) == Truth.FALSE]
-                    what = " and ".join(f"`{literal.negated()}`" for literal in wrong) or "something else"
-                    text = f"the cameras see {what} against `{entry.formula}`"
+                    what = f"that {_all_of(self.step, wrong)}, which the skill rules out"
+                    text = f"images show {what if wrong else f'what `{entry.formula}` rules out'}"
                     watch.alarm = Alarm("violation", entry.formula, text, entry.response)
                 watch.over = watch.alarm is not None and not self._may_be_fault(t, values)
             if watch.over and watch.alarm is not None:
@@ -267,6 +275,10 @@ class Attempt:
                 if seen and any(self.nominal.holds(atom, before, after, value=other) for atom, other in planned):
                     return True
         return False
+
+
+def _all_of(step: Step, literals: Iterable[Literal]) -> str:
+    return " and ".join(step.in_words(str(literal)) for literal in literals)
 
 
 def _value(literal: Literal, values: Mapping[str, Truth]) -> Truth:

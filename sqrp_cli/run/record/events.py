@@ -107,6 +107,7 @@ class EventFields:
     parameters: dict[str, str | float]
     time: FiniteFloat
     boxes: dict[str, list[AskedBox]]
+    says: dict[str, str]
     name: str
     does: str | None
     exposed: FiniteFloat
@@ -210,6 +211,7 @@ MODELS = (
         parameters=("Objects and motion parameters by name.", {}),
         time=("Duration of its motion as planned [s].", 0.0),
         boxes=("Where images are searched, by atom.",),
+        says=("The facts in words, by atom.", {}),
     ),
     _kind(
         "PrimitiveBegan",

@@ -96,6 +96,8 @@ class StepRecord(Record):
     """How often it was tried, with the first time."""
     unseen: Mapping[str, float | None] = field(default_factory=dict)
     """Atoms that formulas require at the end of the motion but no image showed from then on: when one last did [s]."""
+    says: Mapping[str, str] = field(default_factory=dict)
+    """The facts in words, such as `the tool holds g2`, by atom. Logs of earlier versions lack them."""
 
 
 @dataclass
@@ -209,6 +211,11 @@ class RunReport(WorkspaceDocument):
     """Where wall-clock time went [s]."""
     stop: StopTimes = StopTimes()
     """The last stop that was commanded."""
+
+    @property
+    def says(self) -> list[Mapping[str, str]]:
+        """The facts of each step in words, by atom."""
+        return [step.says for step in self.steps] + [{}] * (len(self.prediction) - len(self.steps))
 
     @property
     def done(self) -> bool:

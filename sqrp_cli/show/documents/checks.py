@@ -147,7 +147,9 @@ class Check(WorkspaceDocument):
     def brief(self) -> str:
         """Its main figures, in a line."""
         about = self.workspace if self.task is None else f"{self.task} in {self.workspace}"
-        able = f"{sum(one.feasible for one in self.candidates)} of {how_many(self.candidates, 'candidate')} feasible, "
+        able = (
+            f"{sum(one.feasible for one in self.candidates)} of {how_many(self.candidates, 'candidate')} can be done, "
+        )
         found = "" if self.task is None or not self.valid else able
         return f"{about}: {found}{'valid' if self.valid else 'not valid'}, {how_many(self.problems, 'problem')}"
 

@@ -8,12 +8,11 @@ from itertools import accumulate
 
 from sqrp_cli.document import Pose
 from sqrp_cli.figures import Qualities, falls_short
+from sqrp_cli.logic.literal import NOT
 from sqrp_cli.records import dataclass
 from sqrp_cli.show.documents.explanation import ExplainedCandidate, Span
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.whole_analysis import mean_qualities, worst_seen
-
-NOT = "not "  # how a negated literal begins
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +115,7 @@ def _later(step: ExplainedCandidate, prefix: str, start: float) -> ExplainedCand
             )
             for one in step.formulas
         ],
-        targets={named(name): one for name, one in step.targets.items()},
+        targets={named(name): replace(one, says=f"{prefix} {one.says}") for name, one in step.targets.items()},
         samples=[
             replace(one, t=start + one.t, literals={named(name): seen for name, seen in one.literals.items()})
             for one in step.samples

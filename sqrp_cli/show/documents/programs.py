@@ -56,6 +56,8 @@ class ListedStep(Qualities):
     """Duration of its motion [s]."""
     faults: Mapping[str, FaultMetrics]
     """By the fault's name."""
+    happens: Mapping[str, str]
+    """What happens at each fault, such as `it slips while it is lifted`, by its name."""
     verdict: str
     """Where it is blind, why, and what would help."""
     primitives: list[ListedPrimitive]
@@ -122,7 +124,14 @@ class ProgramDocument(Document):
                 )
                 for one in step.primitives
             ]
-            span = {"start": start, "end": start + step.time, "primitives": primitives, "label": step.short_task}
+            happens = {one.fault: one.words or f"`{one.fault}` happens" for one in step.formulas if one.fault}
+            span = {
+                "happens": happens,
+                "start": start,
+                "end": start + step.time,
+                "primitives": primitives,
+                "label": step.short_task,
+            }
             steps.append(from_fields(ListedStep, step, parameters=dict(step.parameters), **span))
             start += step.time
         # The fault with the longest delay at worst; one that may never be noticed is the longest.

@@ -26,6 +26,7 @@ from sqrp_cli.errors import bad_input
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import Triangles
+from sqrp_cli.show import sentences
 
 if TYPE_CHECKING:
     from sqrp_cli.motion.cell import Cell
@@ -224,7 +225,8 @@ def write_page(content: PageContent, path: Path) -> None:
 def row(entry: PageRow) -> dict[str, Any]:
     """A row as the scripts of a page read it."""
     shown = {"moves" if name == "detail" else name: value for name, value in plain(entry).items()}
-    return {**shown, "moves": entry.detail is not None, "retried": sorted(entry.retried)}
+    said = [] if entry.candidate is None or entry.detail is None else sentences.told(entry.candidate)
+    return {**shown, "moves": entry.detail is not None, "retried": sorted(entry.retried), "said": said}
 
 
 # Colours of pages and pictures

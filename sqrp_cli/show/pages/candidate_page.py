@@ -106,7 +106,7 @@ def candidate_rows(ranking: Sequence[CandidateResult], details: Sequence[str | N
     rows = []
     for one, detail in zip(ranking, details, strict=True):
         labels = {name: {**one.objects, **one.settings}[name] for name in differing}
-        mark = "infeasible" if one.rank is None else f"{one.rank}"
+        mark = "cannot be done" if one.rank is None else f"{one.rank}"
         labels |= {"way": one.choice} if choice else {}
         rows.append(PageRow(one.name, mark, labels, one, one.why, 0, detail, retried=one.retried))
     return rows

@@ -125,6 +125,7 @@ def _detail(
         "cameras": {name: {} for name in cell.cameras},
         "primitives": _doings(events, end),
         "formulas": [],
+        "says": {atom: words for step in report.steps for atom, words in step.says.items()},
         "targets": {} if track is None else _targets(events, end),
         "marks": marks,
         "moments": _moments(report, events),

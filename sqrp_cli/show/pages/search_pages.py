@@ -112,7 +112,9 @@ def write_placement(
         figures = described(one.found)
         name, labels = named(one.task, figures.name)
         labels |= {} if question.fastest else {"way": ""}
-        entries.append(PageRow(name, "" if goal is None else "infeasible", labels, figures, figures.why, None, None))
+        entries.append(
+            PageRow(name, "" if goal is None else "cannot be done", labels, figures, figures.why, None, None)
+        )
     about, said = origin(arguments, document.cell.workspace, document.assumed), placement_in_words(document)
     about += [("compared", said.comparison), ("proof", said.scope)]
     about += [("to have it", "add --patch FILE to the command")] if document.patch else []

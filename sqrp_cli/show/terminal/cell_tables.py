@@ -236,10 +236,12 @@ def print_program(found: ProgramDocument) -> None:
         for name, fault in step.faults.items():
             if fault.unseen:
                 often = "" if fault.unseen == 1.0 else f" in {100 * fault.unseen:.3g} % of cases"
-                say(f"Never noticed{often}: {name} in step {number}, {step.label}; no camera sees it.", "red")
+                when = f"{step.happens[name]} (step {number}, {step.label})"
+                say(f"Never noticed{often} if {when}: no image is sure to show it.", "red")
     if total.step is not None and total.delay_worst is not None:
-        which = f"{total.fault} in step {total.step}, {found.steps[total.step - 1].label}"
-        say(f"Noticed at the latest after {total.delay_worst:.2f} s: {which}.")
+        step = found.steps[total.step - 1]
+        which = f"{step.happens[total.fault or '']} (step {total.step}, {step.label})"
+        say(f"Noticed at the latest after {total.delay_worst:.2f} s if {which}.")
     say()
     if count:
         titles = (

@@ -80,7 +80,8 @@ def print_ranking(found: Ranking, *, all_rows: bool = False) -> None:
             say(sentence)
         if any("arm position" in one.choice for one in feasible):
             say("Arm positions are numbered: the same place of the tool, with the joints otherwise.", "dim")
-        say("* No other row is better in everything.", "dim")
+        if len(feasible) > 1:
+            say("* No other row is better in everything.", "dim")
         say(sentences.accuracy(found.sampling, feasible, short=verbosity.get() is not Verbosity.VERBOSE), "dim")
     if all_ways:
         print_ways(found.candidates)
@@ -185,7 +186,10 @@ def _print_feasible(feasible: Sequence[CandidateResult], shown: Sequence[Candida
     objects = [name for name in differing if name in feasible[0].objects]
     settings = [name for name in differing if name not in objects]
     titles, ends = [column for column, _ in figures], [[cell(one) for _, cell in figures] for one in shown]
-    begins = [[f"{one.rank}{' *' if one.pareto else ''}", *(one.objects[name] for name in objects)] for one in shown]
+    begins = [
+        [f"{one.rank}{' *' if one.pareto and len(feasible) > 1 else ''}", *(one.objects[name] for name in objects)]
+        for one in shown
+    ]
     columns = [Column("#"), *map(Column, [*objects, *settings]), *titles]
     middle = [[one.settings[name] for name in settings] for one in shown]
     rows = [[*first, *values, *end] for first, values, end in zip(begins, middle, ends, strict=True)]
@@ -196,10 +200,10 @@ def _print_feasible(feasible: Sequence[CandidateResult], shown: Sequence[Candida
     print_table(columns, rows)
     if len(shown) < len(feasible):
         say(f"... and {len(feasible) - len(shown)} more (--all)", "dim")
-    faults, retried = list(shown[0].faults), shown[0].retried
+    faults = list(shown[0].faults)
     if len(faults) > 1:
-        done = f"; done after a retry of {', '.join(retried)}" if retried else ""
-        say(styled(f"Noticed: the longest of {', '.join(faults)}{done}.", "dim"))
+        said = " or if ".join(shown[0].happens.get(name, f"`{name}` happens") for name in faults)
+        say(styled(f"Noticed: whichever takes longest, if {said}.", "dim"))
 
 
 def print_infeasible(found: Iterable[tuple[str, Mapping[str, str], str]]) -> None:

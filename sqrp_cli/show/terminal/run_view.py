@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import field
-from itertools import pairwise
 from math import ceil, degrees, hypot
 from typing import TYPE_CHECKING, Any
 
@@ -29,12 +28,15 @@ from sqrp_cli.show.terminal.console import (
     seconds,
     styled,
 )
+from sqrp_cli.show.terminal.progress_lines import Verbosity, verbosity
+from sqrp_cli.skill.target_box import fact_words
 
 if TYPE_CHECKING:
     from sqrp_cli.field.audit.report import AuditDocument, AuditedCamera
     from sqrp_cli.field.calibrating.fit import CalibrateDocument
 
 MOST_DISAGREEMENTS = 8  # groups of disagreements in a table
+LONG_AGO = 0.1  # a fault that came true later than that after it was asked for [s] has a sentence about it
 TAIL = 0.3  # a step whose last image that is compared is earlier than this before its end [s] is not seen to its end
 
 
@@ -54,9 +56,10 @@ def live_view(
     """
     doing, last, now = BETWEEN["step"], "", 0.0
     literals: Mapping[str, ShownAtom] = {}
+    says: Mapping[str, str] = {}
 
     def tell(event: Event) -> None:
-        nonlocal doing, last, now, literals
+        nonlocal doing, last, now, literals, says
         if advance is not None:
             advance(int(event.t) - int(now))
             now = event.t
@@ -71,14 +74,14 @@ def live_view(
             case "evidence":
                 literals = event.literals
             case kind:
-                doing = BETWEEN.get(kind, doing)
+                doing, says = BETWEEN.get(kind, doing), event.says if kind == "step" else says
         if (happens := event_in_words(event)) is not None:
             last = f"{event.t:.2f} s: {happens}"
-        width = max((len(atom) for atom in literals), default=0)
+        width = max((len(says.get(atom, atom)) for atom in literals), default=0)
         parts: list[Any] = [(f"{now:7.2f} s  {doing}", "bold"), "\n"]
         for atom, found in literals.items():
             value = found.value.word if found.asked else f"({found.value.word})"
-            parts += [f"  {atom:{width}}  ", (f"{value:8}", _STYLES[found.value])]
+            parts += [f"  {says.get(atom, atom):{width}}  ", (f"{value:8}", _STYLES[found.value])]
             for camera in cameras:
                 vote = found.cameras.get(camera)
                 parts.append((" " + "·" * len(camera), "dim") if vote is None else (f" {camera}", _STYLES[vote]))
@@ -131,7 +134,7 @@ def event_in_words(event: Event) -> str | None:
         case "fault":
             return f"{event.name} is seen"
         case "moving on":
-            return f"moves on to where `{event.to_see}` can be seen"
+            return "moves on to where the cameras can judge whether to try again"
         case "retry":
             return f"tries again ({event.attempt} of {event.of})"
     return None
@@ -159,6 +162,10 @@ def print_run(found: RunReport) -> None:
             say(f"Noticed after {fault.delay:.2f} s: {label}{predicted}.", "yellow" if late else None)
         elif fault.happened is not None:
             say(f"Never noticed: {label} at {fault.happened:.2f} s; no image showed it.", "red")
+        if fault.injected is not None and (fault.happened or 0.0) > fault.injected + LONG_AGO:
+            until = "" if fault.detected is None else f" {fault.detected - fault.injected:.2f} s before that,"
+            told = f"images can tell it only from {fault.happened:.2f} s on, and its delay counts from there"
+            say(f"{label} was asked for{until} at {fault.injected:.2f} s: {told}.")
         if fault.moved_on is not None:
             say(
                 f"After it had seen {fault.name}, the robot moved on to look for {fault.moved_on:.2f} s: where it was, "
@@ -170,12 +177,13 @@ def print_run(found: RunReport) -> None:
         if step.end is not None and step.unseen:  # what no camera saw at its end, so that a fault may be unnoticed
             end = "the motion" if len(found.steps) == 1 else f"step {number}"
             last = {atom: "never before" if t is None else f"last at {t:.2f} s" for atom, t in step.unseen.items()}
-            atoms = listed([f"{atom} ({when})" for atom, when in last.items()])
+            words = {atom: _fact(atom, number - 1, found.says, numbered=False) for atom in last}
+            unseen = listed([f"whether {words[atom]} ({when})" for atom, when in last.items()])
             then = "" if found.missed else ": a fault after that would not be noticed by then"
-            say(f"At the end of {end} no image shows {atoms}{then}.", "yellow")
+            say(f"At the end of {end} no image shows {unseen}{then}.", "yellow")
     if found.faults:
         say()
-        columns = ("asked\nfor", "happened", "noticed", "noticed\nafter", "predicted", "reacted", "done")
+        columns = ("asked\nfor", "came\ntrue", "noticed", "noticed\nafter", "predicted", "reacted", "done")
         rows = [
             [
                 found.label_of(fault),
@@ -188,19 +196,20 @@ def print_run(found: RunReport) -> None:
         print_table([Column("fault [s]"), *numbers(*columns)], rows)
     if found.prediction:
         say()
-        print_prediction(found.prediction, found.usual)
-        print_disagreements(found.disagreements, len(found.prediction))
-        say()
+        print_prediction(found.prediction, found.usual, found.says)
+        print_disagreements(found.disagreements, found.says)
     times = "once" if found.conflicts == 1 else f"{found.conflicts} times"
     facts = [f"cameras contradicted each other {times}"] if found.conflicts else []
-    if found.tracking is not None:
+    if found.tracking is not None and verbosity.get() is Verbosity.VERBOSE:
         facts.append(f"the tool was off its path by {1000 * found.tracking:.3f} mm (root mean square)")
     if facts:
-        say("; ".join(facts).capitalize() + ".")
+        say(f"\n{'; '.join(facts).capitalize()}.")
 
 
-def print_prediction(prediction: Sequence[Prediction], usual: Sequence[Prediction]) -> None:
-    """How often images showed what they were predicted to show, or else mostly show."""
+def print_prediction(
+    prediction: Sequence[Prediction], usual: Sequence[Prediction], says: Sequence[Mapping[str, str]]
+) -> None:
+    """How often images showed what they were predicted to, or else mostly show. says: of each step, see reports."""
 
     def cells(found: Confusion, rest: Confusion) -> list[Any]:
         share = found.precision
@@ -214,25 +223,33 @@ def print_prediction(prediction: Sequence[Prediction], usual: Sequence[Predictio
     rows, of_all = [], (Confusion(), Confusion())
     for number, (step, others) in enumerate(zip(prediction, usual, strict=True), 1):
         for atom, cameras in step.items():
-            label = atom if len(prediction) == 1 else f"{number}: {atom}"
+            label = _fact(atom, number - 1, says)
             for name, found in cameras.items():
                 rest = others[atom][name]
                 if found.tp + found.fp + found.fn + rest.fp:
                     rows.append([label, name, *cells(found, rest)])
                     of_all = of_all[0] + found, of_all[1] + rest
-    if fits(columns, rows):  # else each row says for itself what it is about
-        for above, row in reversed(list(pairwise(rows))):
-            row[0] = "" if row[0] == above[0] else row[0]
-    rows.append([styled("all", "bold"), "", *cells(*of_all)])
-    print_table(columns, rows)
+    grouped = [[fact, *[""] * 4] for fact in dict.fromkeys(row[0] for row in rows)]
+    for fact, camera, *figures in reversed(rows):  # each below its fact
+        grouped.insert(1 + [row[0] for row in grouped].index(fact), [f"  {camera}", *figures])
+    if fits(together := [Column("fact and camera"), *columns[2:]], grouped):  # else each row says what it is about
+        print_table(together, [*grouped, [styled("all", "bold"), *cells(*of_all)]])
+    else:
+        print_table(columns, [*rows, [styled("all", "bold"), "", *cells(*of_all)]])
 
 
-def print_disagreements(found: Sequence[Disagreement], steps: int) -> None:
+def _fact(atom: str, index: int, says: Sequence[Mapping[str, str]], *, numbered: bool = True) -> str:
+    """A fact of the step of an index in words; numbered: with its number if there are several steps."""
+    words = (says[index] if index < len(says) else {}).get(atom) or fact_words(atom, (), ())
+    return f"{index + 1}: {words}" if numbered and len(says) > 1 else words
+
+
+def print_disagreements(found: Sequence[Disagreement], says: Sequence[Mapping[str, str]]) -> None:
     """Where predictions were wrong: stretches of images of a camera, the overconfident ones first.
 
     Not among them are images that were not counted on but mostly show it.
 
-    steps: of the program; where there are several, each row names its own.
+    says: of each step, see reports.
     """
     groups: dict[tuple[bool, int, str, str, str], list[Disagreement]] = {}
     for one in found:
@@ -247,7 +264,6 @@ def print_disagreements(found: Sequence[Disagreement], steps: int) -> None:
                 # 0.5 here.
                 times, shares = [round(one.t, 3) for one in images], [one.share for one in images]
                 reasons = ", ".join(sorted({one.because for one in images}))
-                label = atom if steps == 1 else f"{step + 1}: {atom}"
                 shown = "none" if seen == "blind" else seen
                 shown += "" if unforeseen else f" ({reasons})"
                 ends = (
@@ -255,12 +271,18 @@ def print_disagreements(found: Sequence[Disagreement], steps: int) -> None:
                     (f"{100 * min(shares):.0f}", f"{100 * max(shares):.0f}"),
                 )
                 rows.append(
-                    [label, camera, shown, str(len(images)), *(" - ".join(dict.fromkeys(each)) for each in ends)]
+                    [
+                        _fact(atom, step, says),
+                        camera,
+                        shown,
+                        str(len(images)),
+                        *(" - ".join(dict.fromkeys(each)) for each in ends),
+                    ]
                 )
         if rows:
             say()
             say(title)
-            columns = [Column("fact"), Column("camera"), Column("shown", shrink=True)]
+            columns = [Column("fact", shrink=True), Column("camera"), Column("shown", shrink=True)]
             print_table([*columns, *numbers("images", "from - to [s]", "visible [%]")], rows)
     if len(groups) > MOST_DISAGREEMENTS:
         say(f"and {len(groups) - MOST_DISAGREEMENTS} more; --json lists every image", "dim")
@@ -318,10 +340,10 @@ def _print_swept(found: SweepDocument) -> None:
         ]
         for run in runs
     ]
-    titles = ("slip at\n[s]", "happened\n[s]", "noticed\n[s]", "noticed\nafter [s]", "predicted\n[s]", "done\n[s]")
+    titles = ("asked for\n[s]", "came true\n[s]", "noticed\n[s]", "noticed\nafter [s]", "predicted\n[s]", "done\n[s]")
     print_table([*numbers(*titles), Column("outcome")], rows)
     if not alone:
-        say(f"slip at: since step {found.step} began; others: since the run began", "dim")
+        say(f"asked for: since step {found.step} began; others: since the run began", "dim")
     # Why runs stopped, each reason once.
     stopped: dict[str, list[str]] = {}
     for run in runs:
@@ -386,11 +408,12 @@ def print_audit(found: AuditDocument) -> None:
     else:
         _print_cameras(found.cameras, written=bool(found.written))
     say()
-    print_prediction(found.prediction, found.usual)
-    print_disagreements(found.disagreements, len(found.prediction))
+    print_prediction(found.prediction, found.usual, found.says)
+    print_disagreements(found.disagreements, found.says)
     for one in found.lost:
-        since = f"From {one.t:.2f} s of step {one.step} on, `{one.atom}` is false in each of the {one.images} images"
-        say(f"{since} that show it: perhaps the part was lost there, and its detector is right.", "yellow")
+        wrong = _fact(one.atom, one.step - 1, found.says, numbered=False)
+        since = f"From {one.t:.2f} s of step {one.step} on, all {one.images} images that show whether {wrong} say no"
+        say(f"{since}: perhaps the part was lost there, and its detector is right.", "yellow")
 
 
 def _print_cameras(cameras: Mapping[str, AuditedCamera], *, written: bool) -> None:

@@ -10,7 +10,7 @@ from time import monotonic
 from sqrp_cli.figures import FIGURE_NAMES, AdvisedFigures, Figures, shown_figure
 from sqrp_cli.score.result import Scorecard, ScoredVariant, Sweep, listed
 from sqrp_cli.search.advice_result import AdviceDocument
-from sqrp_cli.search.goal import MOTION, shown_size
+from sqrp_cli.search.goal import shown_size
 from sqrp_cli.search.placing_result import PlaceDocument, count_in_words
 from sqrp_cli.show.placement_words import placement_in_words
 from sqrp_cli.show.sentences import KIND_WORDS
@@ -29,13 +29,14 @@ from sqrp_cli.show.terminal.console import (
     seconds,
     styled,
 )
-from sqrp_cli.show.terminal.progress_lines import PERIOD, lines_wanted
+from sqrp_cli.show.terminal.progress_lines import PERIOD, Verbosity, lines_wanted, verbosity
 from sqrp_cli.show.terminal.rank_table import print_infeasible
 
 _FIGURES = ("noticed\nat the\nlatest [s]", "critical\ntime\nseen [%]", "time\nseen\n[%]", "takes\n[s]")
 
 _STYLES = {"passed": "green", "failed": "red", "error": "bold red"}
 
+MOST_CHANGES = 6  # changes of advice that are shown all; of more, the least of each kind and the one to take
 ROWS = 20  # variants in the table; the document has all
 
 
@@ -55,14 +56,20 @@ def print_advice(found: AdviceDocument, *, written: bool = False) -> None:
     way = "in its first way" if found.starts_fastest else "as rank does it"
     wanted = f" in {found.workspace}; wanted of {found.candidate} {way}: {found.want}"
     say(joined(["\n", (found.task, "bold"), wanted]))
+    shown = [*enumerate(found.advice, 1)]
+    if len(shown) > MOST_CHANGES and verbosity.get() is not Verbosity.VERBOSE:  # the least of each kind, and the choice
+        few = {found.choice, *{one.kind: number for number, one in reversed(shown)}.values()}
+        shown = [one for one in shown if one[0] in few]
     if found.advice:
         say()
         rows: list[list[Styled]] = []
-        for number, one in enumerate(found.advice, 1):
+        for number, one in shown:
             room = "-" if one.margin is None else shown_size(one.size + one.margin.more, one.unit)
             rows.append([str(number), one.words, *_figures_of(one), room])
         print_table([*numbers("#"), Column("change", shrink=True), *numbers(*_FIGURES, "works\nup to")], rows)
-    for number, cost in ((number, cost) for number, one in enumerate(found.advice, 1) for cost in one.costs):
+        if more := len(found.advice) - len(shown):
+            say(f"... and {more} more that are larger (-v)", "dim")
+    for number, cost in ((number, cost) for number, one in shown for cost in one.costs):
         say(joined([(f"#{number} makes worse:", "red"), f" {cost}"]), indent=4)
     unmet: dict[str, list[str]] = {}
     for kind in (kind for kind in found.kinds if not kind.found):
@@ -100,15 +107,14 @@ def _conclude(found: AdviceDocument, *, written: bool) -> tuple[str, str] | None
         elif found.kinds:
             say(f"{nothing}.", "bold")
     else:
-        number = next((n for n, one in enumerate(found.advice, 1) if one.kind in MOTION or not one.worse), 1)
-        one = found.advice[number - 1]
+        one = found.advice[found.choice - 1]
         judged = " with --ways first" if found.ways == "first" else ""
         cost = "What gets worse is below." if one.worse else f"No task gets worse{judged}."
         say(f"{one.words[0].upper()}{one.words[1:]}.", "bold")
         now = f"Then {found.candidate}: {_in_words(one, found.before)}. {cost}"
         now += f" No patch: {one.unwritten}." if one.unwritten else ""
         if one.patch and not written:
-            command = "To have it, add", f"--apply {number}"
+            command = "To have it, add", f"--apply {found.choice}"
     say(now)
     if found.best is not None and not found.met:
         say(
@@ -192,7 +198,8 @@ def print_placement(found: PlaceDocument, *, written: bool = False) -> None:
     say()
     for words in filter(None, (said.moves, said.other_ways)):
         say(words)
-    say(f"Compared were {said.comparison}. {said.scope}", "dim")
+    verbose = verbosity.get() is Verbosity.VERBOSE
+    say(f"Compared were {said.comparison}. {said.scope}" if verbose else f"{said.scope} -v says more.", "dim")
     if found.patch and not written:
         say_command("To have it, add", "--patch FILE")
     say_assumed(found.assumed)
@@ -236,6 +243,9 @@ def print_scorecard(findings: Scorecard) -> None:
         columns = [Column("workspace", shrink=True), Column("task", shrink=True), Column("best", shrink=True)]
         say()
         print_table([*columns, *numbers(*_FIGURES), Column("")], rows)
+    for assumed in dict.fromkeys(one.assumed for one in findings.results if one.assumed):
+        about = "; ".join(one.named for one in findings.results if one.assumed == assumed)
+        say(f"\nFor the times of {about}: {assumed}.")
     # Improvements, new and vanished tasks, and what changed where nothing got worse.
     for result in findings.results:
         comparison = result.baseline
@@ -269,8 +279,11 @@ def print_difference(findings: Scorecard) -> None:
         return
     changes = [change for changes in findings.changes.values() for change in changes]
     ways = [(result, change) for result in findings.results if result.baseline for change in result.baseline.ways]
-    if not ways:
-        say("No task gets better or worse.", "bold")
+    counts = [
+        (sum(way.worse is worse for _, way in ways), word) for worse, word in ((True, "worse"), (False, "better"))
+    ]
+    said = " and ".join(f"{n} candidate{'s' * (n != 1)} get{'s' * (n == 1)} {word}" for n, word in counts if n)
+    say(f"{said}:" if ways else "No task gets better or worse.", "bold")
     for result, way in ways:
         mixed = any(not shift.worse for shift in way.shifts)
         mark = ("better", "green") if not way.worse else ("mixed ", "yellow") if mixed else ("worse ", "red")

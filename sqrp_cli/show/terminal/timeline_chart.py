@@ -176,6 +176,8 @@ def _said_once(rows: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
 def print_comparison(found: ExplainedAll) -> None:
     """The coverage of every candidate on one time scale, a row each, and the verdicts."""
     feasible = [one for one in found.candidates if one.sampling is not None]
+    if feasible:
+        say(f"{sentences.first_answer(feasible[0])}\n", "bold")
     longest = max((one.time or 0.0 for one in feasible), default=0.0)
     say(f"{'':{LABEL_WIDTH}}0{f'{longest:.1f} s':>{_width() - 1}}")
     for one in found.candidates:

@@ -59,7 +59,7 @@ class Runs {
     byId('run-atoms').replaceChildren(...Object.entries(literals).map(([atom, shown]) => this.atom(atom, shown)));
   }
 
-  atom(atom, { value, asked, predicted, cameras }) {
+  atom(atom, { says, value, asked, predicted, cameras }) {
     const blind = value === 'blind',
       style = { true: 'covered', false: 'out', blind: 'missed' }[value],
       by = Object.entries(cameras).filter(([, one]) => one !== 'blind');
@@ -67,8 +67,8 @@ class Runs {
       'li',
       { class: asked ? null : 'faint' },
       make('i', { class: `spot ${asked ? style : 'nothing'}` }),
-      named(atom),
-      make('b', {}, blind ? (predicted ? 'not seen' : 'blind, as predicted') : value),
+      named(says),
+      make('b', {}, blind ? (predicted ? 'not seen' : 'not seen, as predicted') : value),
       make('span', { class: 'faint' }, by.map(([name]) => name).join(', ')),
     );
   }

@@ -1,6 +1,6 @@
 // The studio: the page of a ranking, live. The server has the state; this shows it, and says what hands do.
 
-const NOBODY = { name: 'ranking …', mark: '', labels: { candidate: 'being ranked …' }, candidate: null, reasons: [], scene: 0, moves: false, figures: [], retried: [] };
+const NOBODY = { name: 'ranking …', mark: '', labels: { candidate: 'being ranked …' }, candidate: null, reasons: [], scene: 0, moves: false, figures: [], retried: [], said: [] };
 
 const TOGETHER = 50; // so long a picture of what a hand moves waits for its verdicts [ms]
 
@@ -354,11 +354,10 @@ class Studio extends Page {
   select(i) {
     this.selected = i;
     this.table.choose(i);
-    const entry = this.entries[i],
-      verdict = entry.candidate?.verdict ?? '';
+    const entry = this.entries[i];
     byId('name').textContent = entry.name;
     byId('place').textContent = placeOf(entry);
-    byId('verdict').replaceChildren(entry.moves ? named(verdict) : '');
+    byId('verdict').replaceChildren(named(toldOf(entry)));
     byId('reasons').replaceChildren(...entry.reasons.map((reason) => make('li', {}, named(reason))));
     this.figures(entry);
     this.age();

@@ -26,13 +26,18 @@ const absent = (value) => value === null || value === undefined;
 const percent = (share) => (absent(share) ? '–' : (100 * share).toFixed(1) + ' %');
 const fixed = (value, digits) => (+value.toFixed(digits) + 0).toFixed(digits); // no -0.00
 const figure = (value, digits = 2) => (absent(value) ? '–' : value === Infinity ? 'never' : fixed(value, digits));
+const stated = (value, shown) => (value === Infinity ? make('span', { class: 'never' }, shown) : shown);
 const seconds = (t, digits = 2) => (absent(t) ? '–' : t === Infinity ? 'never' : t.toFixed(digits) + ' s');
 
-// What a primitive action does, and its name in the skill where that is something else.
-const doing = ({ name, does }) => (does && does !== name ? `${does} (${name})` : name);
+// What a primitive action does; its name in the skill where that does not say it.
+const doing = ({ name, does }) => does ?? name;
 
 // How an entry fares, in words.
 const placeOf = ({ mark, candidate }) =>
   `${/^\d+$/.test(mark) ? 'rank ' : ''}${mark}${candidate?.pareto ? ' ★' : ''}`;
+
+// All that is said of an entry beside its figures; of a task of several steps, where it is not seen stands at each.
+const toldOf = ({ moves, said, candidate }) =>
+  moves && candidate ? [...said, ...(candidate.steps?.length ? [] : [candidate.verdict])].join(' ') : '';
 
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();

@@ -64,6 +64,12 @@ class Motion {
     return [...new Set(this.samples.flatMap((sample) => Object.keys(sample.literals).map(atomOf)))];
   }
 
+  // An atom in words.
+  words(atom) {
+    const { targets, says } = this.detail;
+    return (targets[atom] ?? targets[`not ${atom}`])?.says ?? says?.[atom] ?? atom;
+  }
+
   // Stretches in which `look(sample)` gives the same kind: [{start, end, key, value}], those without a key left out.
   // A change lies half way between two samples; of images, where the first of them shows it.
   runs(look) {

@@ -61,7 +61,7 @@ class Mounts {
 function mountInWords({ name, seen, camera }) {
   const chosen = camera === null ? '' : `, where ${camera} is`;
   if (seen === null) return `${name}: a camera here would be in the way`;
-  return `${name}${chosen}: with one camera only, here, the mean Q is ${percent(seen)}`;
+  return `${name}${chosen}: with one camera only, here, ${percent(seen)} is seen on average`;
 }
 
 // The chosen cameras as a table, and what its columns and the balls mean. look: called with a camera that is clicked.

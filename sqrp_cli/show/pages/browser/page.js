@@ -109,14 +109,14 @@ class Page {
     this.table.choose(i);
     this.plot.choose(i);
     const entry = this.entries[i],
-      { candidate, reasons, name } = entry,
-      verdict = candidate?.verdict || '';
+      { reasons, name } = entry,
+      told = toldOf(entry);
     byId('name').textContent = name;
     byId('place').textContent = placeOf(entry);
-    byId('verdict').replaceChildren(entry.moves ? named(verdict) : '');
+    byId('verdict').replaceChildren(named(told));
     byId('reasons').replaceChildren(...reasons.map((reason) => make('li', {}, named(reason))));
     byId('study').hidden = !entry.moves;
-    byId('spoken').textContent = `${name}: ${[...(entry.moves ? [verdict] : []), ...reasons].join('; ')}`;
+    byId('spoken').textContent = `${name}: ${[...(told ? [told] : []), ...reasons].join('; ')}`;
     this.motion = null;
     if (!entry.moves) return;
     byId('study').classList.toggle('flat', entry.scene === null);
@@ -176,8 +176,8 @@ class Page {
     const heads = [term('fault'), term('noticed after'), term('at the latest'), term('longest time unseen')];
     if (again) heads.push(term('done after a retry'));
     const cells = ([name, fault]) => [
-      named(name),
-      ...[fault.delay_mean, fault.delay_worst, fault.blind_longest].map((t) => seconds(t ?? Infinity)),
+      named(candidate.happens[name] ?? name),
+      ...[fault.delay_mean, fault.delay_worst, fault.blind_longest].map((t) => stated(t ?? Infinity, seconds(t ?? Infinity))),
       ...(again ? [retried.includes(name) ? seconds(fault.expected_time ?? Infinity, 1) : '–'] : []),
     ];
     const row = (kind, texts) =>
@@ -188,7 +188,6 @@ class Page {
   // The steps of a task of several, each with its figures, and which of them is seen worst.
   steps(played) {
     byId('steps').hidden = !played.length;
-    if (played.length) byId('verdict').replaceChildren();
     document.querySelector('.steps').replaceChildren(
       ...played.map(({ name, start, end, q_eoi: qEoi, q_avg: qAvg, verdict, seen_worst: worst }) => {
         const go = () => this.go(start);
@@ -238,7 +237,7 @@ class Page {
     const hiding = [...this.scene.culprits];
     byId('hiding').replaceChildren(...(hiding.length ? ['red, in the way: ', named(hiding.join(', '))] : []));
     const eye = this.scene.through ? `as ${this.scene.through} sees it` : 'from outside';
-    const state = sentence(this.motion.at(this.time));
+    const state = sentence(this.motion, this.motion.at(this.time));
     byId('view').setAttribute('aria-label', `The cell at ${text}, ${eye}. ${state}`);
   }
 
@@ -282,11 +281,9 @@ class Page {
   }
 }
 
-function sentence(sample) {
-  const parts = Object.entries(sample.literals).map(([literal, state]) =>
-    state.kind
-      ? `${atomOf(literal)}: ${KINDS[state.kind][2]}`
-      : `${atomOf(literal)} is ${state.covered ? 'seen' : 'not seen'}`,
+function sentence(motion, sample) {
+  const parts = Object.entries(sample.literals).map(
+    ([literal, state]) => `${motion.words(atomOf(literal))}: ${KINDS[stateOf(state)][2]}`,
   );
-  return parts.length ? `${[...new Set(parts)].join('; ')}.` : 'No formula requires anything.';
+  return parts.length ? `${[...new Set(parts)].join('; ')}.` : 'Nothing has to be seen.';
 }

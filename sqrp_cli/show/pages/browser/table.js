@@ -87,19 +87,19 @@ class EntryTable {
     const who = {
       title: 'worst fault',
       value: (e) => of(e)[0]?.[0] ?? null,
-      cell: (e) => named(of(e)[0]?.[0] ?? '–'),
+      cell: (e) => named(of(e).map(([name]) => e.candidate.happens[name] ?? name)[0] ?? '–'),
       means: 'fault',
     };
     return [
       ...(only ? [] : [who]),
-      this.timed(only ? `${names[0]} noticed after [s]` : 'noticed after [s]', longest('delay_mean'), 'noticed after'),
+      this.timed('noticed after [s]', longest('delay_mean'), 'noticed after'),
       worst,
       ...(this.entries.some((e) => done(e) !== null) ? [this.timed('done after a retry', done, 'done after a retry', 1)] : []),
     ];
   }
 
   timed(title, value, means, digits) {
-    return { title, value, cell: (e) => changed(figure(value(e), digits), e, value, 1, digits), number: true, means };
+    return { title, value, cell: (e) => changed(stated(value(e), figure(value(e), digits)), e, value, 1, digits), number: true, means };
   }
 
   head(column, i) {
@@ -114,7 +114,7 @@ class EntryTable {
     const cells = shown.map((column) => make('td', { class: column.number ? 'number' : null }, column.cell(e, i)));
     if (shown !== this.columns)
       cells.push(
-        make('td', { class: 'faint', colspan: this.columns.length - this.telling }, named(e.reasons[0] ?? '')),
+        make('td', { class: 'faint', colspan: this.columns.length - this.telling }, named(`cannot be done: ${e.reasons[0] ?? ''}`)),
       );
     return cells;
   }
@@ -138,7 +138,9 @@ class EntryTable {
   mark(e) {
     if (e.candidate?.pareto) explained.add('★');
     const star = () => make('span', { class: 'star', role: 'img', 'aria-label': ' no other row is better in everything' }, ' ★');
-    const cell = make('span', { class: `mark ${e.mark}` }, e.mark, e.candidate?.pareto ? star() : '');
+    const not = e.candidate?.feasible === false;
+    const shown = not ? make('span', { role: 'img', 'aria-label': e.mark }, '✕') : e.mark;
+    const cell = make('span', { class: `mark ${not ? 'not' : e.mark}` }, shown, e.candidate?.pareto ? star() : '');
     if (e.candidate?.pareto) attachTip(cell, () => `★ ${TERMS['★']}`);
     return cell;
   }

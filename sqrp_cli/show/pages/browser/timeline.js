@@ -73,7 +73,8 @@ class Timeline {
   literal(atom) {
     const look = (sample) => (found(sample, atom) ? this.told(stateOf(found(sample, atom))) : null);
     const share = this.share((sample) => found(sample, atom)?.covered ?? null);
-    return this.row(named(atom), 'literal', this.runs(atom, look), share, look);
+    const words = this.motion.words(atom);
+    return this.row(named(words), 'literal', this.runs(words, look), share, look);
   }
 
   camera(atom, camera) {
@@ -93,7 +94,7 @@ class Timeline {
       onclick: () => this.look(camera),
     };
     const share = this.share((sample) => verdict(sample)?.covered ?? null);
-    return this.row(make('button', eye, named(camera)), 'camera', this.runs(`${camera}, ${atom}`, look), share, now);
+    return this.row(make('button', eye, named(camera)), 'camera', this.runs(`${camera}, ${this.motion.words(atom)}`, look), share, now);
   }
 
   // The true values, to compare with what is seen.
@@ -105,7 +106,7 @@ class Timeline {
     return this.row(
       term('in truth', 'in truth', false),
       'camera truth',
-      this.runs(`in truth, ${atom}`, look),
+      this.runs(`in truth, ${this.motion.words(atom)}`, look),
       '',
       look,
     );

@@ -1,14 +1,14 @@
 // What the words and signs of the page mean, and the tip that says so under pointer and keyboard focus.
 
 const TERMS = {
-  candidate: 'One way to bind the task: which objects, and which values of the motion that a person chooses.',
+  candidate: 'One choice of the objects and settings that the task leaves to you.',
   way: 'How the robot does it: how the arm is bent, from which side, how far the tool is turned.',
   'critical time': 'When a fault may happen that the skill looks for, such as while a part is lifted.',
   'critical time seen': 'Share of the critical time in which the cameras see all that must be seen then.',
   'time seen': 'Share of all the time in which something must be seen, and the cameras see all of it.',
   time: 'How long the motion of the robot takes.',
   '★': 'No other row is better in everything: in the critical time seen, the time seen and the time.',
-  fact: 'Something that is so or is not, such as hold(g2): the tool holds g2. Cameras tell it by the boxes around the thing.',
+  fact: 'Something that is so or is not, such as: the tool holds g2. Cameras tell it by the boxes around the thing.',
   seen: 'Enough cameras see all boxes of the fact: inside the image, near and large enough, not hidden.',
   'all that must be seen': 'Whether the cameras see every fact that the skill asks for at that time.',
   fault: 'What may go wrong, as the skill says it. The worst is the one that may be noticed latest.',
@@ -79,7 +79,7 @@ const KINDS = {
   too_near: ['range', 'n', 'too near'],
   detector_far: ['range', 'f', 'too far for its detector'],
   detector_near: ['range', 'n', 'too near for its detector'],
-  oblique: ['angle', 'a', 'seen at too flat an angle'],
+  oblique: ['angle', 'a', 'seen too flat'],
   too_small: ['angle', 's', 'too small'],
   known: ['covered', '', 'images show all'],
   unknown: ['missed', '–', 'images do not show all'],
@@ -112,7 +112,7 @@ const EDGES = { left: 'left of', right: 'right of', top: 'above', bottom: 'below
 function reasonOf(verdict) {
   const words = KINDS[kindOf(verdict)][2];
   if (verdict.cause === 'hidden') return `behind ${verdict.by}`;
-  if (verdict.cause === 'same_colour') return `same colour as ${verdict.by} behind it`;
+  if (verdict.cause === 'same_colour') return `of the same colour as ${verdict.by} behind it`;
   if (verdict.cause === 'too_dark' && verdict.by) return `${words} in the shadow of ${verdict.by}`;
   if (verdict.cause === 'too_bright') return `${words} in the light of ${verdict.by}`;
   return verdict.cause === 'out_of_image' ? `${EDGES[verdict.by] ?? 'outside'} its image` : words;
