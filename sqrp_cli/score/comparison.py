@@ -185,7 +185,7 @@ def lost(before: Coverage, now: Coverage) -> tuple[LostView, ...]:
                     if within > longest:
                         why, longest = reason.words, within
                 if stretch.length >= SHORTEST_LOSS:
-                    losses.append(LostView(atom, camera, stretch.start, stretch.end, why))
+                    losses.append(LostView(atom, camera, stretch.start, stretch.end, why, target.says))
     return tuple(sorted(losses, key=lambda loss: loss.start - loss.end))
 
 

@@ -59,10 +59,12 @@ class LostView(Record):
     """From the start of the present motion [s]."""
     why: str
     """The commonest cause, in a few words."""
+    says: str = ""
+    """The literal in words, such as `the tool holds g4`; empty where it is not known."""
 
     def __str__(self) -> str:
         when = TimeInterval(self.start, self.end).when
-        return f"camera `{self.camera}` no longer sees {self.literal} {when}: {self.why}"
+        return f"camera `{self.camera}` no longer sees whether {self.says or self.literal} {when}: {self.why}"
 
 
 Metric = Literal["feasible", "q_eoi", "q_avg", "time", "delay"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from math import ceil
 from typing import TYPE_CHECKING
@@ -37,10 +36,6 @@ KIND_WORDS: Mapping[Kind, str] = {
 LEAST_GAIN = 0.001  # share of what is hidden below which a move of what hides it is not worth a sentence
 LEAST_SHOWN = 5e-4  # least share of a part in a list of several
 MOST_PARTS = 3  # parts that a sentence names; the others count together
-
-_INTERVAL = re.compile(r"\b(?:always|eventually)\[[^\]]*\]")
-
-_TIME = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e-?\d+)?(?!\w)")
 
 
 def summary(candidates: Sequence[CandidateResult], by: Criterion, *, worst: bool = False) -> str:
@@ -173,11 +168,6 @@ def accuracy(done: SamplingDone, feasible: Sequence[CandidateResult], *, short: 
     # The bound covers the changes that were found: samples this far apart may miss others.
     apart = f"up to {_two_digits(gap)} s apart" if gap else "and nothing moves between"
     return f"{how}, {apart}: {within} if what is seen changes at most once between two samples."
-
-
-def short_times(text: str) -> str:
-    """A text in which the times of formulas have two decimals."""
-    return _INTERVAL.sub(lambda interval: _TIME.sub(lambda t: f"{float(t[0]):.2f}", interval[0]), text)
 
 
 def _two_digits(value: float) -> str:

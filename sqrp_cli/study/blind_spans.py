@@ -21,6 +21,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import Cause, CauseLabel, Reason
 from sqrp_cli.sight.observer import first_failing
+from sqrp_cli.skill.target_box import fact_words
 from sqrp_cli.study.analysis import Analysis
 from sqrp_cli.study.result import UnseenTime
 
@@ -138,6 +139,8 @@ class TargetCoverage(FileRecord):
     """When it must be observable."""
     blind: Mapping[str, tuple[BlindSpan, ...]]
     """Per camera, in order of time and without overlap, when it does not see the required target."""
+    says: str = ""
+    """The atom in words; baselines of earlier versions lack it."""
 
     def seen_by(self, camera: str) -> tuple[TimeInterval, ...]:
         """When a camera sees it; never if there is no such camera."""
@@ -175,8 +178,7 @@ def coverage_of(cell: Cell, analysis: Analysis) -> Coverage:
     Between neighbouring samples of equal verdict that verdict holds; between others the target counts as not seen.
     """
     planned, observation, samples = analysis.planned, analysis.timeline.observation, analysis.timeline.samples
-    pieces = planned.stage.pieces
-    targets = {}
+    pieces, objects, targets = planned.stage.pieces, cell.workspace.objects, dict[str, TargetCoverage]()
     for column, (target, boxes) in enumerate(zip(planned.targets, observation.full_matrix, strict=True)):
         rows = np.flatnonzero(observation.required[:, column])
         numbers = dict.fromkeys(samples.piece[rows].tolist())
@@ -199,7 +201,9 @@ def coverage_of(cell: Cell, analysis: Analysis) -> Coverage:
                         (TimeInterval(start, end), Reason(cause=cause.label, by=cell.observer.by_name(cause, by)))
                     )
             blind[camera.name] = tuple(spans)
-        targets[str(target.atom)] = TargetCoverage(target.cameras, required, blind)
+        targets[str(target.atom)] = TargetCoverage(
+            target.cameras, required, blind, fact_words(str(target.atom), target.boxes, objects)
+        )
     return Coverage({primitive.name: primitive.end for primitive in planned.motion.primitives}, targets)
 
 
@@ -219,7 +223,7 @@ def coverage_of_steps(steps: Sequence[Coverage]) -> Coverage:
                 camera: tuple((TimeInterval(start + one.start, start + one.end), why) for one, why in spans)
                 for camera, spans in target.blind.items()
             }
-            targets[f"{number}.{atom}"] = TargetCoverage(target.needed, required, blind)
+            targets[f"{number}.{atom}"] = TargetCoverage(target.needed, required, blind, target.says)
     return Coverage(primitives, targets)
 
 

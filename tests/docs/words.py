@@ -1,6 +1,7 @@
 """Technical words on screens that the page of words does not explain.
 
-`python -m tests.docs.words` runs `check`, `rank`, `explain`, `advise` and `run` on every shipped cell, and lists them.
+`python -m tests.docs.words` runs every command that answers on every shipped cell, opens the pages of `rank` and `run`
+and the studio in a browser, and lists them.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ from pathlib import Path
 
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.motion.cell import Cell
+from tests.cli.browser import Opened, chromium
 from tests.docs.page import ROOT
+from tests.studio.hand import Hand, Started
 
 TASKS = {
     "tabletop": ("pickup green", "slip@lift+0.7"),
@@ -25,6 +28,8 @@ TASKS = {
 """A task of every shipped cell, and what may go wrong."""
 PAGE = ROOT / "docs" / "words.md"
 MOST_WORDS = 12
+COMPUTED = "What was computed"
+"""Above what a page says of its making: the command, digests and the accuracy in full."""
 EXPLAINED = re.compile(r"^\| \*\*(.+?)\*\* \|", re.MULTILINE)
 """A word of the page, in its first table."""
 
@@ -60,22 +65,32 @@ def unexplained(screen: str, cell: str) -> Iterator[str]:
 
 
 def screens() -> Iterator[tuple[str, str, str]]:
-    """Each command on each shipped cell, with the name of the cell and what is printed."""
+    """Each command on each shipped cell, its pages and its studio, with the name of the cell and what is shown."""
     for cell, (task, fault) in TASKS.items():
-        with tempfile.TemporaryDirectory() as folder:
-            program = str(Path(folder) / "program.yaml")
+        with tempfile.TemporaryDirectory() as folder, chromium() as browser:
             place = str(ROOT / "workspaces" / cell)
             for words in (
                 ["check", place, task],
-                ["rank", place, task, "--program", program],
+                ["rank", place, task, "--program", "program.yaml", "--report", "rank.html"],
                 ["explain", place, task],
                 ["advise", place, task, "--want", "q_avg 100 %, time 20 s", "--ways", "fastest", "--kinds", "aim"],
-                ["run", program, "--sim", "--fault", fault],
+                ["score", place],
+                ["diff", place, place],
+                ["program", "program.yaml"],
+                ["run", "program.yaml", "--sim", "--fault", fault, "--report", "run.html", "--frames", "frames"],
+                ["audit", "program.yaml", "frames"],
             ):
                 command = [sys.executable, "-m", "sqrp_cli", *words]
                 done = subprocess.run(command, capture_output=True, text=True, cwd=folder, check=False)
                 assert done.stdout, done.stderr
                 yield " ".join(words), cell, done.stdout
+            for page in ("rank.html", "run.html"):
+                yield page, cell, Opened(browser, Path(folder) / page).page.inner_text("main").partition(COMPUTED)[0]
+            studio = Started(Path(place), task, cwd=Path(folder))
+            hand = Hand(browser, studio.address)
+            hand.wait("return sqrp.settled && sqrp.detailShown")
+            yield "studio", cell, hand.page.inner_text("main").partition(COMPUTED)[0]
+            studio.closed()
 
 
 if __name__ == "__main__":

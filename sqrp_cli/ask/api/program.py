@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from sqrp_cli.show.documents.explanation import Explanation
 
 PROGRAM = "program.yaml"  # the program in a folder of frames that a run keeps
+LONG = re.compile(r"(?<![\w.])\d+\.\d{3,}(?!\w)")  # a time of a formula that has more decimals than are shown
 DEFAULT_RUNS = 20  # runs of a sweep
 
 
@@ -184,12 +185,17 @@ class OpenProgram:
         from sqrp_cli.run.monitor.nominal_step import NominalStep
         from sqrp_cli.run.monitor.step_monitor import against_the_plan
         from sqrp_cli.run.robot_body import RobotBody
-        from sqrp_cli.show.sentences import short_times
 
         mend = "correct the formula, or the boxes of its literals: one about an object holds while that is in its boxes"
         body, joints = RobotBody.load(self.workspace.robot), self.program.joints
         return [
-            Problem("against-the-plan", short_times(text), Place(self.path), severity="warning", mend=mend)
+            Problem(
+                "against-the-plan",
+                re.sub(LONG, lambda t: f"{float(t[0]):.2f}", text),
+                Place(self.path),
+                severity="warning",
+                mend=mend,
+            )
             for number, step in enumerate(self.program.steps, 1)
             for wrong in against_the_plan(NominalStep(step, joints, body))
             for text in [f"step {number} (`{step.short_task}`): {wrong}"]

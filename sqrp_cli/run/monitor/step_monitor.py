@@ -245,8 +245,8 @@ class Attempt:
                             known[literal.atom] = Truth.UNKNOWN
                 if watch.alarm is None and watch.monitor.observe(t, known) == Truth.FALSE:
                     wrong = [one for one in required if _value(one, values) == Truth.FALSE]
-                    what = f"that {_all_of(self.step, wrong)}, which the skill rules out"
-                    text = f"images show {what if wrong else f'what `{entry.formula}` rules out'}"
+                    what = f"that {_all_of(self.step, wrong)}, which" if wrong else "what"
+                    text = f"images show {what} the skill rules out"
                     watch.alarm = Alarm("violation", entry.formula, text, entry.response)
                 watch.over = watch.alarm is not None and not self._may_be_fault(t, values)
             if watch.over and watch.alarm is not None:

@@ -15,11 +15,10 @@ from sqrp_cli.run.record.report import RunReport
 from sqrp_cli.show.documents.explanation import Span
 from sqrp_cli.show.pages.assembly import FigureShown, PageContent, PageRow, packed, write_page
 from sqrp_cli.show.pages.candidate_page import cell_scene, origin
-from sqrp_cli.show.sentences import short_times
 
 WITNESSED = (
     "The robot and the objects move here as they really did in the simulation. The monitors do not know that: they"
-    " judge by images alone. Boxes are where monitors looked for something; their colours, and those of the lines to"
+    " judge by images alone. Frames are where monitors looked for something; their colours, and those of the lines to"
     " the cameras, say what the images taken at that time showed."
 )
 """What is shown in three dimensions, in words."""
@@ -64,7 +63,7 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
         mark=report.outcome,
         labels={"steps": names},
         candidate=None,
-        reasons=[] if report.reason is None else [short_times(report.reason)],
+        reasons=[] if report.reason is None else [report.reason],
         scene=0 if scenes else None,
         detail=detail,
         figures=figures,

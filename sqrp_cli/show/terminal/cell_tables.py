@@ -232,15 +232,15 @@ def print_program(found: ProgramDocument) -> None:
     length = f", {total.time:.2f} s" if count else ""
     title = f" for {found.workspace}: {count} step{'s' * (count != 1)}{length}"
     say(joined([(Path(found.program).name, "bold"), title]))
+    where = [f", in step {n}, {step.label}" if count > 1 else "" for n, step in enumerate(found.steps, 1)]
     for number, step in enumerate(found.steps, 1):
         for name, fault in step.faults.items():
             if fault.unseen:
                 often = "" if fault.unseen == 1.0 else f" in {100 * fault.unseen:.3g} % of cases"
-                when = f"{step.happens[name]} (step {number}, {step.label})"
-                say(f"Never noticed{often} if {when}: no image is sure to show it.", "red")
+                said = f"Never noticed{often} if {step.happens[name]}{where[number - 1]}"
+                say(f"{said}: no image is sure to show it.", "red")
     if total.step is not None and total.delay_worst is not None:
-        step = found.steps[total.step - 1]
-        which = f"{step.happens[total.fault or '']} (step {total.step}, {step.label})"
+        which = f"{found.steps[total.step - 1].happens[total.fault or '']}{where[total.step - 1]}"
         say(f"Noticed at the latest after {total.delay_worst:.2f} s if {which}.")
     say()
     if count:

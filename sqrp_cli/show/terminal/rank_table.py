@@ -186,10 +186,8 @@ def _print_feasible(feasible: Sequence[CandidateResult], shown: Sequence[Candida
     objects = [name for name in differing if name in feasible[0].objects]
     settings = [name for name in differing if name not in objects]
     titles, ends = [column for column, _ in figures], [[cell(one) for _, cell in figures] for one in shown]
-    begins = [
-        [f"{one.rank}{' *' if one.pareto and len(feasible) > 1 else ''}", *(one.objects[name] for name in objects)]
-        for one in shown
-    ]
+    star = " *" if len(feasible) > 1 else ""
+    begins = [[f"{one.rank}{star if one.pareto else ''}", *(one.objects[name] for name in objects)] for one in shown]
     columns = [Column("#"), *map(Column, [*objects, *settings]), *titles]
     middle = [[one.settings[name] for name in settings] for one in shown]
     rows = [[*first, *values, *end] for first, values, end in zip(begins, middle, ends, strict=True)]

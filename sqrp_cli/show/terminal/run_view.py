@@ -14,7 +14,6 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.record.events import BETWEEN, Event, ShownAtom, listed
 from sqrp_cli.run.record.report import Confusion, Disagreement, Prediction, RunReport, SweepDocument
-from sqrp_cli.show.sentences import short_times
 from sqrp_cli.show.terminal.console import (
     Column,
     TableCell,
@@ -152,7 +151,7 @@ def print_run(found: RunReport) -> None:
     else:
         say(joined([what, ("stopped", "bold red"), f" at {found.time:.2f} s"]))
         stopped = "The robot stopped" if found.steps else "Nothing was commanded: the look stopped"
-        say(f"{stopped} because {short_times(found.reason or '')}.")
+        say(f"{stopped} because {found.reason}.")
     for fault in found.faults:
         label = found.label_of(fault)
         if fault.delay is not None:
@@ -350,7 +349,7 @@ def _print_swept(found: SweepDocument) -> None:
         if run.outcome == "stopped":
             stopped.setdefault(run.reason or "", []).append(f"{run.x:.2f}")
     for reason, places in stopped.items():
-        say(f"Stopped with the slip at {', '.join(places)} s: {short_times(reason)}.")
+        say(f"Stopped with the slip at {', '.join(places)} s: {reason}.")
 
 
 def wall_time(found: RunReport) -> str:

@@ -53,7 +53,7 @@ def print_advice(found: AdviceDocument, *, written: bool = False) -> None:
     written: whether a change was written to a file.
     """
     command = _conclude(found, written=written)
-    way = "in its first way" if found.starts_fastest else "as rank does it"
+    way = "in the way that is found first" if found.starts_fastest else "as rank does it"
     wanted = f" in {found.workspace}; wanted of {found.candidate} {way}: {found.want}"
     say(joined(["\n", (found.task, "bold"), wanted]))
     shown = [*enumerate(found.advice, 1)]
@@ -199,7 +199,8 @@ def print_placement(found: PlaceDocument, *, written: bool = False) -> None:
     for words in filter(None, (said.moves, said.other_ways)):
         say(words)
     verbose = verbosity.get() is Verbosity.VERBOSE
-    say(f"Compared were {said.comparison}. {said.scope}" if verbose else f"{said.scope} -v says more.", "dim")
+    compared = f"Compared were {said.comparison}."
+    say(" ".join([compared, said.scope] if verbose else filter(None, [said.scope, "-v says more."])), "dim")
     if found.patch and not written:
         say_command("To have it, add", "--patch FILE")
     say_assumed(found.assumed)
@@ -279,9 +280,8 @@ def print_difference(findings: Scorecard) -> None:
         return
     changes = [change for changes in findings.changes.values() for change in changes]
     ways = [(result, change) for result in findings.results if result.baseline for change in result.baseline.ways]
-    counts = [
-        (sum(way.worse is worse for _, way in ways), word) for worse, word in ((True, "worse"), (False, "better"))
-    ]
+    worse = sum(way.worse for _, way in ways)
+    counts = ((worse, "worse"), (len(ways) - worse, "better"))
     said = " and ".join(f"{n} candidate{'s' * (n != 1)} get{'s' * (n == 1)} {word}" for n, word in counts if n)
     say(f"{said}:" if ways else "No task gets better or worse.", "bold")
     for result, way in ways:
