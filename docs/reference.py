@@ -40,6 +40,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference/calibration-formats.md": formats_page(),
     }
     for path, text in pages.items():
+        if (stands_in := files.get_file_from_path(path)) is not None:  # says how to make the page
+            files.remove(stands_in)
         files.append(File.generated(config, path, content=text))
     return files
 
