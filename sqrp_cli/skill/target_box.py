@@ -126,7 +126,8 @@ def fact_words(literal: str, boxes: Iterable[TargetBox], objects: Container[str]
             return f"the tool {holds} {name}"
         if place != box.frame or place != name:
             return f"{name} {stands} {'where it stood' if place == name else f'on {place}'}"
-        return f"{name} {be} where it should be"
+        if atom == name:  # as recordings watch it
+            return f"{name} {be} where it should be"
     return f"`{atom}` {holds}"
 
 

@@ -11,6 +11,7 @@ import pytest
 from sqrp_cli.show.pages import assembly
 from tests.cli.browser import Opened, click_at_random, detail_in, walk
 from tests.cli.hostile import hostile_cell
+from tests.docs.words import COMPUTED, unexplained
 
 HOSTILE = (
     "<img src=x onerror=alert(1)>\"'`</script><script>alert(2)</script>\u202egnp.\u2066-->]]>&lt;javascript:alert(3)"
@@ -206,6 +207,10 @@ def test_the_page_says_what_was_computed_and_shows_it_in_the_order_of_the_rankin
     assert column(opened, 1)[-1] == "✕"
     assert column(opened, 4)[-1] == f"cannot be done: {candidates[-1]['why'][0]}"
     assert candidates[-1]["why"] == ["out of reach by 0.10 m (approach)"]
+
+
+def test_the_page_has_no_technical_word_that_the_page_of_words_does_not_explain(opened):
+    assert [*unexplained(opened.page.inner_text("main").partition(COMPUTED)[0], "tabletop")] == []
 
 
 def test_the_table_is_sorted_by_a_click_on_a_title_and_filtered_by_words(opened, ranked):

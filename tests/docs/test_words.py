@@ -13,7 +13,8 @@ from tests.docs.words import EXPLAINED, MOST_WORDS, PAGE, TASKS, unexplained
 
 GOLDEN = ROOT / "tests" / "cli" / "golden"
 COMMAND = re.compile(
-    rf"^(?:COLUMNS=\d+ )?sqrp (?:check|rank|explain|advise) \S*workspaces/({'|'.join(TASKS)}) |^sqrp run pick\.yaml"
+    rf"^(?:COLUMNS=\d+ )?sqrp (?:check|rank|explain|advise|score|diff) \S*workspaces/({'|'.join(TASKS)})\b"
+    r"|^sqrp (?:run|program|audit) pick\.yaml"
 )
 
 
@@ -43,7 +44,7 @@ def test_a_screen_has_no_technical_word_that_the_page_does_not_explain(command: 
 def test_the_page_has_few_words_and_the_screens_are_those_of_every_command() -> None:
     assert 8 <= len(EXPLAINED.findall(PAGE.read_text(encoding="utf-8"))) <= MOST_WORDS
     assert {re.sub(r"COLUMNS=\d+ |sqrp ", "", one).split()[0] for one in SCREENS} == {
-        "check", "rank", "explain", "advise", "run",
+        "check", "rank", "explain", "advise", "run", "score",
     }  # fmt: skip
 
 
