@@ -11,6 +11,7 @@ from typing import Annotated
 from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
+from sqrp_cli.camera.camera import Frequency
 from sqrp_cli.camera.detector import Detector
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.errors import Place, expected_names
@@ -113,6 +114,9 @@ class RecordingEntry(Entry):
 
     file: Text
     """A LeRobot dataset, MCAP, rosbag2, ROS 1 bag, CSV, JointTrajectory YAML or program; relative to this file."""
+    signal: Text | None = None
+    """Which of several: of a dataset the feature, by default `observation.state`; of a bag the topic, by default all."""
+    rate: Frequency | None = Field(default=None, description="Of its states, where its own times do not count.")
     joints: dict[Text, MappingOr[RecordedJointEntry, Text]] = Field(default={}, max_length=MOST_ENTRIES)
     """The joint of each name in the recording; without any, joints are called as in the robot."""
     gripper: GripperEntry | None = None

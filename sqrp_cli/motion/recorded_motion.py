@@ -37,11 +37,11 @@ SPEED_OVER, CONTACT_STEP = 0.05, 0.01
 
 
 @lru_cache(maxsize=4)
-def opened(file: Path) -> Recording:
+def opened(file: Path, signal: str | None = None, rate: float | None = None) -> Recording:
     """A recording, opened once."""
     from sqrp_cli.recording.recording import open_recording  # few workspaces have any, and formats are many
 
-    return open_recording(file)
+    return open_recording(file, signal=signal, rate=rate)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,20 +62,26 @@ class RecordedMotions:
     """Those of the cell."""
     fingers: Fingers | None
 
+    @property
+    def recording(self) -> Recording:
+        """As its workspace wants it to be read. Raises InputError."""
+        return opened(self.task.file, self.task.entry.signal, self.task.entry.rate)
+
     def frames(self, choice: SkillChoice) -> Array:
         """The times of the frames of an episode, shape (T,) [s]. Raises InputError."""
         return self._episode(choice).times
 
     def _episode(self, choice: SkillChoice) -> Episode:
-        number, count = int(choice.values[EPISODE]), len(opened(self.task.file).episodes)
+        number, recording = int(choice.values[EPISODE]), self.recording
+        count = len(recording.episodes)
         if not 0 <= number < count:
             message = f"there is no episode {number} in {self.task.entry.file}; expected 0 to {count - 1}"
             raise bad_input("unknown-candidate", message)
-        return opened(self.task.file).read(number)
+        return recording.read(number)
 
     def motion(self, choice: SkillChoice, world: World, model: RobotModel) -> Motion | Infeasible:
         """The motion of an episode; world: has the objects and joints that it does not tell. Raises InputError."""
-        recording, episode = opened(self.task.file), self._episode(choice)
+        recording, episode = self.recording, self._episode(choice)
         mapped = JointMap.of(self.task, recording, model.joints)
         q, t = mapped.positions(episode, model.joints, world.joints), episode.times
         grasps = grasps_of(self.task, recording, mapped, episode, self.fingers)

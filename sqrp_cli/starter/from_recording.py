@@ -119,6 +119,8 @@ def with_recording(layout: Layout, cell: Cell, file: Path, named: str) -> Layout
         column = recording.names.index(one.name)
         q[:, model.joints.index(one.joint)] = one.scale * numbers[:, column] + one.offset
     said = [f"`{one.name}` is joint `{one.joint}`: {one.why}" for one in guesses]
+    told = zip(recording.episodes, episodes, strict=False)
+    said += [f"episode {name}: {one}" for name, episode in told for one in episode.told]
     said += [
         f"`{name}` is not recorded and stays at home" for name in model.arm if name not in {g.joint for g in guesses}
     ]

@@ -108,10 +108,10 @@ def recorded_skill(task: RecordedTask, workspace: Workspace) -> Skill:
 
     Its task has every episode as a candidate.
     """
-    from sqrp_cli.motion.recorded_motion import RecordedMotions, opened  # few workspaces have any
+    from sqrp_cli.motion.recorded_motion import RecordedMotions  # few workspaces have any
 
-    numbers = tuple(map(float, range(len(opened(task.file).episodes))))
     motions = RecordedMotions(task, workspace.objects, workspace.robot.fingers)
+    numbers = tuple(map(float, range(len(motions.recording.episodes))))
     return replace(task.skill, motion_parameters=(MotionParameter(EPISODE, numbers),), recorded=motions)
 
 
