@@ -115,7 +115,7 @@ class RecordingEntry(Entry):
     file: Text
     """A LeRobot dataset, MCAP, rosbag2, ROS 1 bag, CSV, JointTrajectory YAML or program; relative to this file."""
     signal: Text | None = None
-    """Which of several: of a dataset the feature, by default `observation.state`; of a bag the topic, by default all."""
+    """Which of several: a dataset's feature, by default `observation.state`; a topic of a bag, by default all."""
     rate: Frequency | None = Field(default=None, description="Of its states, where its own times do not count.")
     joints: dict[Text, MappingOr[RecordedJointEntry, Text]] = Field(default={}, max_length=MOST_ENTRIES)
     """The joint of each name in the recording; without any, joints are called as in the robot."""
