@@ -284,8 +284,10 @@ def outside_detectors(cell: Cell, scenes: Sequence[_Scene]) -> Iterator[Problem]
                 view = (*_best_view(cell, box, found, states), box.encloses or (box.frame,))
                 key = f"{target.atom} {box.name}"
                 best[key] = max(best.get(key, view), view, key=itemgetter(0))
-    worst_last = sorted(best.values(), key=itemgetter(0), reverse=True)
-    yield from {objects: problem for share, problem, objects in worst_last if 0 < share < 1}.values()
+    found_of = dict[tuple[str, ...], Problem]()
+    for _, problem, objects in sorted((one for one in best.values() if 0 < one[0] < 1), key=itemgetter(0)):
+        found_of.setdefault(objects, problem)
+    yield from found_of.values()
 
 
 def _best_view(cell: Cell, box: SoughtBox, found: BoxVerdicts, states: SceneStates) -> tuple[float, Problem]:
