@@ -78,9 +78,11 @@ def _tracks(path: Path, signal: str | None) -> JointTracks:
 
         def states(*, arrived: bool) -> Iterator[tuple[str, float, Sequence[str], Sequence[float]]]:
             nonlocal count, without
-            latest, numbers = dict.fromkeys(chosen, -np.inf), 0
+            latest, numbers, begin = dict.fromkeys(chosen, -np.inf), 0, None
             for packed, state, stamp in bag.stamped(chosen, [JOINTS], MOST_STATES, "joint states"):
-                t = (packed.t if arrived else stamp or packed.t) * 1e-9
+                ns = packed.t if arrived else stamp or packed.t
+                begin = ns if begin is None else begin
+                t = (ns - begin) * 1e-9  # since 1970 it would be known to 0.2 us
                 count, without, numbers = count + 1, without + (not stamp), numbers + len(state.position)
                 wrong = None
                 if len(state.position) not in (0, len(state.name)):  # 0: velocities alone

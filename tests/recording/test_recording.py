@@ -110,7 +110,7 @@ def test_bags_have_the_states_of_all_topics_on_one_clock(case: dict[str, Any], t
         episode = found.read(0)
         assert list(found.names) == case["names"]
         np.testing.assert_allclose(episode.times, case["times"], atol=1e-9)
-        np.testing.assert_allclose(episode.values, case["values"], atol=1e-7)
+        np.testing.assert_allclose(episode.values, case["values"], atol=1e-9)
         assert list(episode.told) == case.get("told", [])
 
 
