@@ -30,7 +30,7 @@ ROOMS = {
     "camera": ("camera", 2_375),
     "cell": ("cell", 3_578),
     "logic": ("logic", 2_339),
-    "skill, program, recording": ("skill program recording", 2_825),
+    "skill, program, recording": ("skill program recording", 2_827),
     "task": ("task", 998),
     "motion": ("motion", 2_942),
     "sight": ("kernel sight", 1_506),
