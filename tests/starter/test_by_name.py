@@ -30,7 +30,7 @@ def test_every_robot_of_an_installed_package_has_an_arm(tmp_path: Path) -> None:
         arm = guess_arm(read.urdf, read.tip)
         assert len(arm.joints) == AXES.get(name, len(arm.joints)) >= 4, name
         assert any(link.geometry("collision") for link in read.urdf.links.values()), name
-    assert found >= 35
+    assert found >= 34
 
 
 def test_every_gripper_of_an_installed_package_has_fingers(tmp_path: Path) -> None:
