@@ -25,7 +25,7 @@ LONG = 30
 
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_356),
-    "files": ("files", 2_055),
+    "files": ("files", 2_054),
     "robot": ("robot", 3_109),
     "camera": ("camera", 2_375),
     "cell": ("cell", 3_578),

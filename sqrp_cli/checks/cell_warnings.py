@@ -304,19 +304,19 @@ def _best_view(cell: Cell, box: SoughtBox, found: BoxVerdicts, states: SceneStat
     share = np.select([found.cause == cause for cause in parts] + [enough], [*parts.values(), np.ones_like(away)], 0.0)
     row, column = divmod(int(share.argmax()), len(cameras))
     part, at, camera = float(share[row, column]), float(away[row, column]), cameras[column]
-    what, detector = ", ".join(f"`{name}`" for name in box.encloses or (box.frame,)), f"detector `{box.detector}`"
+    what = ", ".join(f"`{name}`" for name in box.encloses or (box.frame,))
     match found.cause[row, column]:
         case Cause.TOO_SMALL:
-            message = f"{what} measures at most {part * least:.1f} pixels, {at:.2f} m from camera `{camera.name}`, and"
-            message += f" {detector} needs {least:.3g}"
+            it_is, needed = f"measures at most {part * least:.1f} pixels, {at:.2f} m from", f"needs {least:.3g}"
             mend = f"look at it from {floor(100 * part * at) / 100:.2f} m or nearer, or through a lens {1 / part:.3g}"
             mend += " times as long; or take a larger part or marker"
         case Cause.DETECTOR_NEAR:
-            message = f"{what} is {at:.2f} m or less from camera `{camera.name}`, and {detector} sees from {near:.2f} m"
-            mend = f"move the camera {near - at:.2f} m back, or take a smaller marker"
+            it_is, needed = f"is {at:.2f} m or less from", f"sees from {near:.2f} m"
+            mend = f"move the camera {near - at:.2f} m back" + ", or take a smaller marker" * (box.limits.kind == "aruco")
         case _:
-            message = f"{what} is {at:.2f} m or more from camera `{camera.name}`, and {detector} sees to {far:.2f} m"
+            it_is, needed = f"is {at:.2f} m or more from", f"sees to {far:.2f} m"
             mend = f"move the camera {at - far:.2f} m nearer"
+    message = f"{what} {it_is} camera `{camera.name}`, and detector `{box.detector}` {needed}"
     message += "; no other camera comes nearer to that" * (len(cameras) > 1)
     return part, warning("outside-detector-limits", message, cell.workspace, f"cameras.{camera.name}", mend)
 

@@ -39,11 +39,10 @@ def package_name(folder: Path) -> str | None:
 
 def needed_packages(package: Path, roots: Sequence[Path]) -> list[Path]:
     """The folders of the packages that one needs, by its `package.xml`; those that `roots` have."""
-    with suppress(OSError):
-        text = (package / MANIFEST).read_text(encoding="utf-8", errors="replace")[:100_000]
-        names = dict.fromkeys(match[1] for match in _NEEDS.finditer(text) if match[1])
-        return [folder for name in names if (folder := next(_folders_called(name, roots), None)) is not None]
-    return []
+    file = package / MANIFEST
+    text = file.read_text(encoding="utf-8", errors="replace")[:100_000] if file.is_file() else ""
+    names = dict.fromkeys(match[1] for match in _NEEDS.finditer(text) if match[1])
+    return [folder for name in names if (folder := next(_folders_called(name, roots), None)) is not None]
 
 
 def package_around(path: Path) -> Path | None:
