@@ -36,7 +36,7 @@ ROOMS = {
     "sight": ("kernel sight", 1_506),
     "study": ("study", 4_607),
     "search": ("search", 4_314),
-    "checks": ("checks", 1_395),
+    "checks": ("checks", 1_396),
     "run": ("run", 7_317),
     "field": ("field ros", 2_931),
     "score": ("score", 2_321),

@@ -312,7 +312,8 @@ def _best_view(cell: Cell, box: SoughtBox, found: BoxVerdicts, states: SceneStat
             mend += " times as long; or take a larger part or marker"
         case Cause.DETECTOR_NEAR:
             it_is, needed = f"is {at:.2f} m or less from", f"sees from {near:.2f} m"
-            mend = f"move the camera {near - at:.2f} m back" + ", or take a smaller marker" * (box.limits.kind == "aruco")
+            mend = f"move the camera {near - at:.2f} m back"
+            mend += ", or take a smaller marker" * (box.limits.kind == "aruco")
         case _:
             it_is, needed = f"is {at:.2f} m or more from", f"sees to {far:.2f} m"
             mend = f"move the camera {at - far:.2f} m nearer"
