@@ -81,7 +81,7 @@ class Studio:
             task=task,
             by=self._by,
             tasks=[one.task for one in workspace.tasks],
-            skills=list(workspace.skills),
+            skills=[*workspace.skills, *workspace.recordings],
             parameters=parameters,  # of the task's skill, with the words that they may have instead of a value
             chosen=self._chosen,
             number=self._rankings.number,

@@ -123,10 +123,11 @@ def _studio(
         from sqrp_cli.task.task import read_task
 
         known = opened.workspace
-        if task is None and not known.tasks and not known.skills:
+        able = [*known.skills, *known.recordings]
+        if task is None and not known.tasks and not able:
             message = "the workspace has no skills, so there is nothing to rank"
             raise bad_option(message, known.whole_file, mend="list some under `skills`")
-        task = task or next((one.task for one in known.tasks), next(iter(known.skills), ""))
+        task = task or next((one.task for one in known.tasks), next(iter(able), ""))
         read_task(task, known)
         studio = Studio(opened, task, jobs, worker)
         try:
