@@ -63,7 +63,7 @@ def guess_arm(urdf: UrdfModel, tip: str | None = None) -> ArmGuess:
             moving = [f"`{joint.name}`" for joint in urdf.movable_joints]
             what = "all its joints are fixed" if urdf.joints else "it has none"
             if moving:
-                what = f"{', '.join(moving[:4])}{', ...' if len(moving) > 4 else ''} look like those of a gripper"
+                what = f"{', '.join(moving[:4])}{', ...' if len(moving) > 4 else ''} look like fingers or wheels"
             message = f"`{urdf.name}` has no joint that moves an arm: {what}"
             mend = "name the URDF of the arm; where its joints are named as those of a gripper, its last link:"
             raise bad_input("no-arm", message, urdf.links[urdf.root].place, mend=f"{mend} `--tip LINK`")
