@@ -107,28 +107,16 @@ class FreeView(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class FreeViews(Record):
-    """Where the free views of a motion are long enough for an image and its transfer, and what would make one so."""
+    """Whether free views of a motion are long enough for an image and its transfer, and what would make one so."""
 
     needed: float
     """How long one has to be [s]."""
-    found: tuple[FreeView, ...]
-    """Those that are as long, in order of time."""
     longest: Mapping[str, float]
     """Of each camera, how long its longest one is, whether that is enough or not [s]."""
     wait: FreeView | None
     """Where none is long enough: the free view that comes nearest; null where there is none at any instant."""
-
-    @property
-    def words(self) -> str:
-        """What is to be done, in a sentence."""
-        need = f"{1000 * self.needed:.0f} ms"
-        if self.found:
-            return f"{len(self.found)} times all that must be seen is in free view of a camera for {need}."
-        if self.wait is None:
-            return f"Never for {need}: at no instant does one camera see all at once, so no wait helps; see advise."
-        missing, middle = self.needed - (self.wait.end - self.wait.start), 0.5 * (self.wait.start + self.wait.end)
-        wait = f"wait {1000 * missing:.0f} ms at {middle:.2f} s"
-        return f"Never for {need}; to open a window, {wait}, in view of camera `{self.wait.cameras[0]}`."
+    words: str
+    """What is to be done, in a sentence."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -11,11 +11,12 @@ from sqrp_cli.study.result import FreeView, FreeViews
 from sqrp_cli.study.verdict import stretches
 
 
-def free_views(cell: Cell, analysis: Analysis, needed: float) -> FreeViews:
-    """The free views of a motion whose verdicts of every camera are known; needed: how long they have to be [s].
+def free_views(cell: Cell, analysis: Analysis, needed: float) -> tuple[tuple[FreeView, ...], FreeViews]:
+    """The free views of a motion that are long enough, in order of time, and what is to be said of all.
 
-    One begins with the first and ends with the last of neighbouring samples in which the camera sees all that the state
-    requires; changes between samples are located as the sampling says.
+    The verdicts of every camera are known; needed: how long one has to be [s]. A free view begins with the first and
+    ends with the last of neighbouring samples in which the camera sees all that the state requires; changes between
+    samples are located as the sampling says.
     """
     timeline = analysis.timeline
     t, observation = timeline.samples.t, timeline.observation
@@ -32,4 +33,11 @@ def free_views(cell: Cell, analysis: Analysis, needed: float) -> FreeViews:
     for one, length in lasts.items():
         longest[one.cameras[0]] = max(longest[one.cameras[0]], length)
     nearest = None if enough else max(each, key=lambda one: (lasts[one], -one.start), default=None)
-    return FreeViews(needed=needed, found=tuple(enough), longest=longest, wait=nearest)
+    need = f"{1000 * needed:.0f} ms"
+    words = f"{len(enough)} times all that must be seen is in free view of a camera for {need}."
+    if nearest is not None:
+        wait = f"wait {1000 * (needed - lasts[nearest]):.0f} ms at {0.5 * (nearest.start + nearest.end):.2f} s"
+        words = f"Never for {need}; to open a window, {wait}, in view of camera `{nearest.cameras[0]}`."
+    elif not enough:
+        words = f"Never for {need}: at no instant does one camera see all at once, so no wait helps; see advise."
+    return tuple(enough), FreeViews(needed=needed, longest=longest, wait=nearest, words=words)

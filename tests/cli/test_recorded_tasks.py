@@ -111,13 +111,12 @@ def test_an_explanation_has_what_cameras_see_of_each_phase_and_free_views(record
                         total += other.t - one.t
                         seen += 0.5 * (other.t - one.t) * sum(s.cameras[camera].covered for s in said)
                 assert phases[phase.name] == pytest.approx(seen / total, abs=1e-9)
-    for window in found.windows.found:
+    for window in found.windows:
         inside = [one for one in samples if window.start <= one.t <= window.end]
         assert window.end - window.start >= 0.5
         assert all(one.cameras[window.cameras[0]].covered for each in inside for one in each.literals.values())
-    longest = max(found.windows.longest.values())
-    never = recorded.explain("demo episode=0", windows=longest + 1.0).windows
-    assert not never.found
+    longest = max(found.free_views.longest.values())
+    never = recorded.explain("demo episode=0", windows=longest + 1.0).free_views
     assert never.wait.end - never.wait.start == pytest.approx(longest)
     assert "wait 1000 ms" in never.words
 

@@ -67,11 +67,11 @@ def analysis_shown(
         )
         for target in planned.targets
     }
-    free = None
+    free, of_all = None, None
     if needed is not None:
         from sqrp_cli.study.windows import free_views
 
-        free = free_views(cell, analysis, needed)
+        free, of_all = free_views(cell, analysis, needed)
     coverage, causes = coverage_by_phase(cell, analysis) if found.phases else (None, ())
     does = {primitive.name: primitive.words for primitive in planned.candidate.skill.primitives}
     sights = {}
@@ -100,6 +100,7 @@ def analysis_shown(
         unseen_times=cause_totals(cell, analysis),
         coverage=coverage,
         windows=free,
+        free_views=of_all,
         coverage_causes=causes,
         hidden=() if views is None else in_the_way(cell, analysis, views),
         to_move=() if views is None else to_move(cell, analysis, views),

@@ -14,7 +14,7 @@ from sqrp_cli.figures import Qualities
 from sqrp_cli.logic.image_time import Window
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import HidingPart, Reason
-from sqrp_cli.study.result import CandidateResult, FreeViews, HiddenTarget, SamplingDone, UnseenTime
+from sqrp_cli.study.result import CandidateResult, FreeView, FreeViews, HiddenTarget, SamplingDone, UnseenTime
 
 if TYPE_CHECKING:
     from sqrp_cli.camera.camera import Camera
@@ -249,8 +249,10 @@ class ExplainedCandidate(CandidateResult):
     as far as it must be seen then."""
     coverage_causes: Sequence[UnseenTime] = field(default=(), metadata=LEFT_OUT)
     """What takes most of the time in which it does not."""
-    windows: FreeViews | None = field(default=None, metadata=LEFT_OUT)
-    """With `--windows`."""
+    windows: Sequence[FreeView] | None = field(default=None, metadata=LEFT_OUT)
+    """With `--windows`: those that are long enough."""
+    free_views: FreeViews | None = field(default=None, metadata=LEFT_OUT)
+    """With `--windows`: of all of them."""
     hidden: Sequence[HiddenTarget] = ()
     """Who is in the way: of each literal, from each camera that it is hidden from."""
     to_move: Sequence[HidingPart] = ()

@@ -112,14 +112,13 @@ def print_explanation(found: Explanation) -> None:
         say()
         print_table([*columns, *(Column(one.name, right=True) for one in found.phases)], _said_once(shown))
     _print_unseen(found, says)
-    if found.windows is not None:
-        say(f"\n{found.windows.words}", "bold")
-        rows = [
-            (one.cameras[0], f"{one.start:.2f}", f"{one.end:.2f}", f"{one.end - one.start:.2f}")
-            for one in found.windows.found
-        ]
-        print_table([Column("camera"), *numbers("from [s]", "to [s]", "lasts [s]")], rows)
-        longest = ", ".join(f"{name} {length:.2f} s" for name, length in found.windows.longest.items())
+    if found.free_views is not None:
+        say(f"\n{found.free_views.words}", "bold")
+        if found.windows:
+            times = [(one.cameras[0], one.start, one.end, one.end - one.start) for one in found.windows]
+            columns = [Column("camera"), *numbers("from [s]", "to [s]", "lasts [s]")]
+            print_table(columns, [(camera, *(f"{t:.2f}" for t in some)) for camera, *some in times])
+        longest = ", ".join(f"{name} {length:.2f} s" for name, length in found.free_views.longest.items())
         say(f"Longest free view of all that must be seen: {longest}.")
     if found.hidden:
         say()
