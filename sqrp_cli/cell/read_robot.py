@@ -123,15 +123,10 @@ class RobotReader:
         self.digest[dotted(path)] = source_file(urdf.path, urdf.content)
         while count < len(empty):  # without its collision geometry, a link has its visual one
             count = len(empty)
-            links = {
-                name: replace(
-                    link,
-                    collision=tuple(piece for piece in link.collision if piece not in empty),
-                    visual=tuple(piece for piece in link.visual if piece not in empty),
-                )
-                for name, link in urdf.links.items()
-            }
-            urdf = replace(urdf, links=links) if empty else urdf
+            for name, link in urdf.links.items() if empty else ():
+                solid, drawn = ([one for one in of if one not in empty] for of in (link.collision, link.visual))
+                links = {**urdf.links, name: replace(link, collision=tuple(solid), visual=tuple(drawn))}
+                urdf = replace(urdf, links=links)
             parts = urdf.parts(self.entry.geometry, partial(packages.resolve_mesh, self.roots))
             pieces = (piece for link in urdf.links.values() for piece in link.geometry(self.entry.geometry))
             for part, piece in zip(parts, pieces, strict=True):

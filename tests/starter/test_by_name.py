@@ -18,19 +18,13 @@ AXES = {"panda": 7, "so101": 5, "px100": 4, "baxter": 7, "tiago": 8}
 
 
 def test_every_robot_of_an_installed_package_has_an_arm(tmp_path: Path) -> None:
-    found = 0
-    for name in ROBOTS:
-        try:
-            urdf, arguments = find_named(name, "robot")
-        except InputError as error:
-            assert "in a package that is not installed, " in str(error)  # noqa: PT017 - those of further packages
-            continue
-        found += 1
+    further = ("robosuite/", "robotblockset/", "gymnasium_robotics/")  # packages that the tests do not need
+    for name in (name for name, path in ROBOTS.items() if not path.startswith(further)):
+        urdf, arguments = find_named(name, "robot")
         read = describe_robot(OwnRobot(urdf, arguments), tmp_path)
         arm = guess_arm(read.urdf, read.tip)
         assert len(arm.joints) == AXES.get(name, len(arm.joints)) >= 4, name
         assert any(link.geometry("collision") for link in read.urdf.links.values()), name
-    assert found >= 34
 
 
 def test_every_gripper_of_an_installed_package_has_fingers(tmp_path: Path) -> None:
