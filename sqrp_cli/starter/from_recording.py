@@ -78,7 +78,9 @@ def guess_joints(
         and pi / 180 * spans[joint].max() <= limits[joint][1] + SLACK
         for joint in turning
     )
-    usual = "rad" if not beyond else "deg" if fits else "percent"
+    most_of_all = max((float(np.abs(spans[joint]).max()) for joint in turning), default=0.0)
+    whole_range = most_of_all >= 98.0 and most_of_all <= 100.5  # numbers that stop at 100 are rather shares of a range
+    usual = "rad" if not beyond else "deg" if fits and not whole_range else "percent"
     guesses = []
     for joint, name in pairs.items():
         low, high = limits[joint]
