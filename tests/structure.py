@@ -28,7 +28,7 @@ ROOMS = {
     "files": ("files", 2_054),
     "robot": ("robot", 3_106),
     "camera": ("camera", 2_375),
-    "cell": ("cell", 3_573),
+    "cell": ("cell", 3_576),
     "logic": ("logic", 2_339),
     "skill, program, recording": ("skill program recording", 2_827),
     "task": ("task", 998),
@@ -41,7 +41,7 @@ ROOMS = {
     "field": ("field ros", 2_931),
     "score": ("score", 2_321),
     "show": ("show", 5_212),
-    "ask": ("ask cli __init__ __main__", 5_352),
+    "ask": ("ask cli __init__ __main__", 5_356),
     "studio": ("studio", 1_764),
     "starter, platform": ("starter platform", 2_394),
 }

@@ -135,6 +135,11 @@ class RecordingEntry(Entry):
     targets: dict[Name, TargetSpec] = Field(default={}, max_length=MOST_ENTRIES)
     """Further predicates of these formulas, and the boxes that decide them."""
 
+    @property
+    def handled(self) -> Mapping[str, RecordedObjectEntry]:
+        """What it handles, by name: where a gripper takes something that is not stated, one of the usual size."""
+        return self.objects or ({"part": RecordedObjectEntry()} if self.gripper else {})
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RecordedTask:
@@ -144,10 +149,13 @@ class RecordedTask:
     file: Path
     """Of the recording, or its folder."""
     entry: RecordingEntry
-    objects: Mapping[str, RecordedObjectEntry]
-    """What it handles; one of the usual size where a gripper takes something that is not stated."""
     skill: Skill
     """What is to be seen in an episode; its primitives are the phases, its parameter the episode."""
+
+    @property
+    def objects(self) -> Mapping[str, RecordedObjectEntry]:
+        """What it handles, by name."""
+        return self.entry.handled
 
     def place(self, *path: str | int) -> Place:
         """The place of a key of its entry in the workspace file; if missing, that of its parent."""
@@ -171,14 +179,9 @@ class RecordedTask:
         return None
 
 
-def recorded_objects(entry: RecordingEntry) -> Mapping[str, RecordedObjectEntry]:
-    """What a recording handles, by name: where a gripper takes something that is not stated, one of the usual size."""
-    return entry.objects or ({"held": RecordedObjectEntry()} if entry.gripper else {})
-
-
 def recorded_scene_objects(entry: RecordingEntry, known: Mapping[str, SceneObject]) -> Iterator[SceneObject]:
     """The objects of a recording that are not among the known ones, at a pose that the recording tells."""
-    for name, one in recorded_objects(entry).items():
+    for name, one in entry.handled.items():
         if name not in known:
             size = one.size or (USUAL_SIZE, USUAL_SIZE, USUAL_SIZE)
             part = Part(name, name, Box(size), read_only(pose()))
@@ -193,7 +196,7 @@ def recorded_task(
     document: the workspace's file. detectors: those that it defines.
     """
     at = ("recordings", name)
-    part, objects = document.part(at), recorded_objects(entry)
+    part, objects = document.part(at), entry.handled
     known = [JAWS, *objects]
     asked = list(dict.fromkeys(known if entry.watch is None else entry.watch))
     watched = [one for one in asked if one in known]
@@ -233,4 +236,4 @@ def recorded_task(
         }
     )
     skill = SkillReader(part, said, domain, action, problems).read(document.folder / name)
-    return RecordedTask(name=name, file=file, entry=entry, objects=objects, skill=skill)
+    return RecordedTask(name=name, file=file, entry=entry, skill=skill)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli.ask import values
+from sqrp_cli.cell.recordings import USUAL_SIZE
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible, InputError, Place, bad_input, bad_option, expected_names
 from sqrp_cli.motion.cell import Cell
@@ -98,6 +99,10 @@ class Session:
         from sqrp_cli.checks.lint import assumptions
 
         named = {name for one in ranked for name in one.candidate.binding.values()}
+        recording, said = self.cell.workspace.recordings.get(self.task.skill.name), self.cell.workspace.places
+        for name, one in (recording.objects if recording is not None else {}).items():
+            if one.size is None and f"objects.{name}" not in said:
+                seen.append(f"`{name}` is taken to be {100 * USUAL_SIZE:g} cm wide, as its size is not stated")
         if ask.worst:
             ranked[: place + 1] = ranked[place::-1] if place >= 0 else []
         return Ranking(
@@ -144,15 +149,14 @@ class Session:
 
 def _check_recorded(ask: TaskRequest, written: Path | None) -> None:
     """Raises InputError for what makes no sense of a recording: its motions are what they are."""
-    meant = {
-        "program": (written, "no program can be written of it"),
-        "after": (ask.after, "it begins where it began"),
-        "ways": (None if ask.ways == "best" else ask.ways, "each episode is done in one way only"),
-        "max_time": (getattr(ask, "max_time", None), "its episodes take as long as they took"),
-    }
-    for name, (value, why) in meant.items():
+    for name, value, why in (
+        ("program", written, "no program can be written of it"),
+        ("after", ask.after, "it begins where it began"),
+        ("ways", ask.ways if ask.ways != "best" else None, "each episode is done in one way only"),
+        ("max_time", getattr(ask, "max_time", None), "its episodes take as long as they took"),
+    ):
         if value is not None:
-            option = f"--{name.replace('_', '-')}" if ask.by_words or name == "program" else name
+            option = ask.called(name) if name != "program" else "--program"
             raise bad_option(f"`{ask.task}` is a recording, so {why}", mend=f"leave {option} out")
 
 
