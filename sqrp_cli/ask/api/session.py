@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from sqrp_cli.ask import values
 from sqrp_cli.cell.recordings import USUAL_SIZE
 from sqrp_cli.cell.workspace import World
-from sqrp_cli.errors import Infeasible, InputError, Place, bad_input, bad_option, expected_names
+from sqrp_cli.errors import Infeasible, InputError, Place, bad_input, bad_option, expected_names, first_names
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.files import alone, check_writable, real_path
 from sqrp_cli.records import dataclass
@@ -99,10 +99,10 @@ class Session:
         from sqrp_cli.checks.lint import assumptions
 
         named = {name for one in ranked for name in one.candidate.binding.values()}
-        recording, said = self.cell.workspace.recordings.get(self.task.skill.name), self.cell.workspace.places
-        for name, one in (recording.objects if recording is not None else {}).items():
-            if one.size is None and f"objects.{name}" not in said:
-                seen.append(f"`{name}` is taken to be {100 * USUAL_SIZE:g} cm wide, as its size is not stated")
+        recording, stated = self.cell.workspace.recordings.get(self.task.skill.name), self.cell.workspace.places
+        handled = {} if recording is None else {name: one.size for name, one in recording.objects.items()}
+        guessed = [name for name, size in handled.items() if size is None and f"objects.{name}" not in stated]
+        sizes = f"{first_names(guessed)} is taken to be {100 * USUAL_SIZE:g} cm wide" if guessed else ""
         if ask.worst:
             ranked[: place + 1] = ranked[place::-1] if place >= 0 else []
         return Ranking(
@@ -115,7 +115,7 @@ class Session:
             interrupted=interrupted or None,
             worst_first=ask.worst,
             of=len(self.task.candidates),
-            assumed=assumptions(self.cell.workspace, named),
+            assumed="; ".join(filter(None, [sizes, assumptions(self.cell.workspace, named)])),
             candidates=tuple(map(described, ranked)),
             session=self,
         )
