@@ -7,6 +7,7 @@ stays closed for a while, and not as far as with nothing between the jaws.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from math import inf
 
 import numpy as np
 
@@ -20,6 +21,8 @@ SHORTEST_PHASE = 0.5
 time: before and after, images tell whether it worked."""
 SMOOTHED = 0.1  # a running median over this time takes noise from the gripper [s]
 HYSTERESIS = 0.1  # of the range of its numbers: by so much it opens beyond where it counts as closed
+SHORTEST_STILL, STILL = 0.3, 0.08
+"""What slips out was held if the jaws stood still before, for so long [s], within so much of the range."""
 SETTLED = 0.1  # of the way between open and closed: it has arrived when no more than this is left
 
 
@@ -32,9 +35,9 @@ class Grasp:
     start: float
     """From when it holds."""
     end: float | None
-    """When it begins to open; None where it holds to the end."""
+    """When it begins to open, or shuts on nothing; None where it holds to the end."""
     opened: float
-    """When it is open again; the end where it never is."""
+    """When it is open again, or shut; the end where it never is."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,7 @@ def find_grasps(times: Array, closed: Array, limit: float, empty: float) -> list
     """
     # A running median, of an odd number of samples, and the state with hysteresis.
     step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
-    half = max(1, round(0.5 * SMOOTHED / step))
+    half, still = max(1, round(0.5 * SMOOTHED / step)), 1 + max(1, round(SHORTEST_STILL / step))
     padded = np.concatenate([np.full(half, closed[0]), closed, np.full(half, closed[-1])])
     s = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
     opens = limit + HYSTERESIS * float(np.ptp(s))
@@ -71,8 +74,14 @@ def find_grasps(times: Array, closed: Array, limit: float, empty: float) -> list
         first = int(edges[number])
         last = int(edges[number + 1]) if number + 1 < len(edges) else len(s)
         following = int(edges[number + 2]) if number + 2 < len(edges) else len(s)
-        held = float(np.median(s[first:last]))
-        if times[last - 1] - times[first] >= SHORTEST_HOLD and held > empty:
+        held, gone = float(np.median(s[first:last])), last
+        if lasting := [at for at in range(first, last - still) if (s[at : at + still] <= empty).all()]:
+            # It shuts: what was held before, if it stood still then, has slipped out of it.
+            gone = lasting[0]
+            spans = [(float(np.ptp(s[at : at + still])), at) for at in range(first, gone - still)]
+            spread, at = min(spans, default=(inf, 0))
+            held = float(np.median(s[at : at + still])) if spread < STILL * float(np.ptp(s)) else -inf
+        if times[gone - 1] - times[first] >= SHORTEST_HOLD and held > empty:
             open_before = float(s[after:first].max())
             near, far = (held + share * (open_before - held) for share in (SETTLED, 1.0 - SETTLED))
             closing = after + int(np.flatnonzero(s[after:first] >= far)[-1])
@@ -83,6 +92,10 @@ def find_grasps(times: Array, closed: Array, limit: float, empty: float) -> list
                 near, far = (held + share * (open_after - held) for share in (SETTLED, 1.0 - SETTLED))
                 end = float(times[start + int(np.flatnonzero(s[start:last] <= near)[-1])])
                 opened = float(times[last + int(np.argmax(s[last:following] >= far))])
+            if gone < last:
+                least = held - SETTLED * (held - float(s[gone]))
+                end = float(times[start + int(np.flatnonzero(s[start:gone] >= least)[-1])])
+                opened = float(times[gone])
             found.append(Grasp(float(times[closing]), float(times[start]), end, opened))
         after = last
     return found

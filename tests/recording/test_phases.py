@@ -11,38 +11,52 @@ OPEN, HELD, SHUT = 1.0, 0.45, 0.0
 LIMIT, EMPTY = 0.7, 0.05
 
 
-def gripper(rng: np.random.Generator, keys: list[tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
-    """Noisy numbers of a gripper at jittering times, 30 a second, through (time, opening) on straight lines."""
-    even = np.arange(0.0, keys[-1][0], 1 / 30)
-    times = np.append(0.0, even[1:] + rng.uniform(-0.012, 0.012, len(even) - 1))
+Keys = list[tuple[float, float]]
+"""Times [s] and how far a gripper is open, with straight lines between them."""
+
+
+def found_grasps(rng: np.random.Generator, keys: Keys) -> list[Grasp]:
+    """What is found in noisy numbers at jittering times, of which some are missing, in one unit or another."""
+    rate = rng.choice([10.0, 30.0])
+    even = np.arange(0.0, keys[-1][0], 1 / rate)
+    times = np.append(0.0, even[1:] + rng.uniform(-0.36, 0.36, len(even) - 1) / rate)
+    gap = rng.uniform(0.0, times[-1])
+    kept = (rng.uniform(size=len(times)) > 0.1) & ((times < gap) | (times > gap + 0.15)) | (times == 0.0)
+    scale, offset = [(1.0, 0.0), (100.0, 0.0), (1.92, -0.17)][rng.integers(3)]
     t, values = np.array(keys).T
-    return times, np.interp(times, t, values) + rng.normal(0.0, 0.012, len(times))
+    opening = np.interp(times[kept], t, values) + rng.normal(0.0, 0.012, kept.sum())
+    return find_grasps(times[kept], scale * opening + offset, scale * LIMIT + offset, scale * EMPTY + offset)
 
 
-@pytest.mark.parametrize("seed", range(50))
-def test_grasp_and_release_are_found_within_a_fifth_of_a_second(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    start, holds, speed = rng.uniform(1.5, 3.0), rng.uniform(1.0, 5.0), rng.uniform(0.3, 1.0)
-    end = start + speed + holds
-    keys = [(0, OPEN), (start, OPEN), (start + speed, HELD), (end, HELD), (end + speed, OPEN), (end + speed + 2, OPEN)]
-    (found,) = find_grasps(*gripper(rng, keys), LIMIT, EMPTY)
-    assert found.start == pytest.approx(start + speed, abs=0.2)
-    assert found.end == pytest.approx(end, abs=0.2)
-    assert found.closing == pytest.approx(start, abs=0.2)
-    assert found.opened == pytest.approx(end + speed, abs=0.2)
+def test_grasp_and_release_are_found_within_a_fifth_of_a_second() -> None:
+    wrong = list[str]()
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        start, holds, takes = rng.uniform(1.5, 3.0), rng.uniform(1.0, 5.0), rng.uniform(0.3, 1.0)
+        end, half = start + takes + holds, 0.5 * (OPEN + HELD)
+        keys = [(0, OPEN), (start, OPEN), (start + takes, HELD), (end, HELD)]
+        keys += [(end + 0.1, SHUT)] if seed % 5 == 0 else []  # it slips out, and the gripper shuts
+        keys += [(end + 1.0, keys[-1][1]), (end + 1.5, OPEN)] if seed % 5 == 0 else [(end + takes, OPEN)]
+        keys = [(0, OPEN), (0.4, OPEN), (0.7, half + 0.1), (1.1, OPEN), *keys[1:]] if seed % 5 == 1 else keys  # half shut
+        found = found_grasps(rng, [*keys, (keys[-1][0] + 2, OPEN)])
+        errors = [(one.start - start - takes, (one.end or 0.0) - end) for one in found]
+        if len(found) != 1 or np.abs(errors).max() > 0.2:
+            wrong.append(f"{seed}: {errors}")
+    assert len(wrong) <= 2, wrong
 
 
-@pytest.mark.parametrize("seed", range(50))
-def test_nothing_is_taken_where_a_gripper_stays_open_or_closes_on_nothing(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    t = float(rng.uniform(1.0, 3.0))
-    keys = [
-        [(0, OPEN), (8, OPEN)],
-        [(0, SHUT), (t, SHUT), (t + 0.5, OPEN), (8, OPEN)],  # closed at first, then open
-        [(0, OPEN), (t, OPEN), (t + 0.5, SHUT), (t + 2, SHUT), (t + 3, OPEN), (8, OPEN)],
-        [(0, OPEN), (t, OPEN), (t + 0.05, HELD), (t + 0.12, HELD), (t + 0.17, OPEN), (8, OPEN)],  # a twitch
-    ][seed % 4]
-    assert find_grasps(*gripper(rng, keys), LIMIT, EMPTY) == []
+def test_nothing_is_taken_where_a_gripper_stays_open_or_closes_on_nothing() -> None:
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        t, takes = float(rng.uniform(1.0, 3.0)), float(rng.uniform(0.3, 1.5))
+        keys: Keys = [
+            [(0, OPEN), (8, OPEN)],
+            [(0, SHUT), (t, SHUT), (t + 0.5, OPEN), (8, OPEN)],  # closed at first, then open
+            [(0, OPEN), (t, OPEN), (t + takes, SHUT), (t + 2, SHUT), (t + 3, OPEN), (8, OPEN)],
+            [(0, OPEN), (t, OPEN), (t + 0.05, HELD), (t + 0.12, HELD), (t + 0.17, OPEN), (8, OPEN)],  # a twitch
+            [(0, OPEN), (t, OPEN), (t + takes, 0.8), (t + 2, 0.8), (t + 3, OPEN), (8, OPEN)],  # half closed
+        ][seed % 5]
+        assert found_grasps(rng, keys) == [], (seed, keys)
 
 
 def test_phases_follow_each_other_without_gaps() -> None:
