@@ -37,7 +37,9 @@ def test_grasp_and_release_are_found_within_a_fifth_of_a_second() -> None:
         keys = [(0, OPEN), (start, OPEN), (start + takes, HELD), (end, HELD)]
         keys += [(end + 0.1, SHUT)] if seed % 5 == 0 else []  # it slips out, and the gripper shuts
         keys += [(end + 1.0, keys[-1][1]), (end + 1.5, OPEN)] if seed % 5 == 0 else [(end + takes, OPEN)]
-        keys = [(0, OPEN), (0.4, OPEN), (0.7, half + 0.1), (1.1, OPEN), *keys[1:]] if seed % 5 == 1 else keys  # half shut
+        keys = (
+            [(0, OPEN), (0.4, OPEN), (0.7, half + 0.1), (1.1, OPEN), *keys[1:]] if seed % 5 == 1 else keys
+        )  # half shut
         found = found_grasps(rng, [*keys, (keys[-1][0] + 2, OPEN)])
         errors = [(one.start - start - takes, (one.end or 0.0) - end) for one in found]
         if len(found) != 1 or np.abs(errors).max() > 0.2:
