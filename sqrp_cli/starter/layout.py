@@ -185,6 +185,33 @@ def workspace_text(layout: Layout) -> str:
     return text if layout.guessed else re.sub(r"  # check: .*", "", text)
 
 
+_MOUNTS = """\
+# check: where cameras may go, and which: what `sqrp place` chooses from
+mounts:
+  left:
+    rail: {{from: {}, to: {}, step: 25 cm}}
+  right:
+    rail: {{from: {}, to: {}, step: 25 cm}}
+  above:
+    grid: {{from: {}, to: {}, step: 25 cm}}
+
+lenses:
+  usual:
+    image: {{width: 1280, height: 960, horizontal_fov: 60 deg}}
+    near: 5 cm
+    far: 6 m
+    rate: 10 Hz
+    latency: 50 ms
+"""
+
+
+def mounts_text(layout: Layout) -> str:
+    """The file of mounts around a table, half as high as it is wide and once above it."""
+    (x, y), half = layout.table_at, 0.5 * layout.table_side
+    places = [(a, b, half) for b in (1, -1) for a in (-1, 1)] + [(-1, -1, 2 * half), (1, 1, 2 * half)]
+    return _MOUNTS.format(*(_vector((x + a * half, y + b * half, height)) for a, b, height in places))
+
+
 def file_text(path: str, arguments: Mapping[str, str] | None = None) -> str:
     """A file, with the arguments of a xacro, as YAML."""
     if not arguments:

@@ -25,7 +25,7 @@ from sqrp_cli.starter.arm_guess import ArmGuess, guess_arm
 from sqrp_cli.starter.description import Description, OwnRobot, describe_robot
 from sqrp_cli.starter.from_recording import with_recording
 from sqrp_cli.starter.hand import Grip, driven_joints, find_grip
-from sqrp_cli.starter.layout import SCHEMA, TASK, Cube, Layout, workspace_text
+from sqrp_cli.starter.layout import SCHEMA, TASK, Cube, Layout, mounts_text, workspace_text
 
 SHIPPED = Path(__file__).parent  # folder of the shipped skills and robots
 
@@ -144,6 +144,7 @@ def _filled(
         file_name = json.dumps(os.path.relpath(recording, draft.parent / "any"), ensure_ascii=False)
         best = with_recording(layout, _load(layout), recording, file_name)
         (draft / WORKSPACE_FILE).write_text(workspace_text(best), encoding="utf-8")
+        (draft / "place.yaml").write_text(mounts_text(best), encoding="utf-8")
         workspace = load_workspace(draft)
         return replace(best, warnings=(*description.warnings, *workspace.warnings, *lint(workspace)))
     tried = _tried(layout, description, arm, advance)

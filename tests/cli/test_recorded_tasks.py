@@ -13,7 +13,10 @@ import pytest
 from sqrp_cli.ask.api.cell import OpenCell, open_cell
 from sqrp_cli.ask.api.new_cell import new_cell
 from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.cell.mounts import PlaceFile
 from sqrp_cli.errors import InputError
+from sqrp_cli.files.validation import validate
+from sqrp_cli.files.yaml_file import read_yaml
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.motion.recorded_motion import opened
 from sqrp_cli.show.documents.frames import write_frames
@@ -195,3 +198,4 @@ def test_a_first_workspace_comes_from_a_recording(planned, tmp_path):
     assert "`elbow_joint` is joint `elbow_joint`" in " ".join(made.told)
     assert load_workspace(tmp_path / "cell").recordings["demo"].objects.keys() == {"part"}
     assert open_cell(tmp_path / "cell").rank(made.task).best.time == pytest.approx(planned[1].time)
+    assert validate(read_yaml(tmp_path / "cell" / "place.yaml"), PlaceFile).mounts.keys() == {"left", "right", "above"}
