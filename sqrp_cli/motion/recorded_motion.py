@@ -37,8 +37,8 @@ SPEED_OVER, CONTACT_STEP = 0.05, 0.01
 
 
 @lru_cache(maxsize=4)
-def opened(file: Path, signal: str | None = None, rate: float | None = None) -> Recording:
-    """A recording, opened once."""
+def opened(file: Path, signal: str | None = None, rate: float | None = None, _changed: int = 0) -> Recording:
+    """A recording, opened once, and again when its file or folder was changed at another time [ns]."""
     from sqrp_cli.recording.recording import open_recording  # few workspaces have any, and formats are many
 
     return open_recording(file, signal=signal, rate=rate)
@@ -65,7 +65,8 @@ class RecordedMotions:
     @property
     def recording(self) -> Recording:
         """As its workspace wants it to be read. Raises InputError."""
-        return opened(self.task.file, self.task.entry.signal, self.task.entry.rate)
+        file, entry = self.task.file, self.task.entry
+        return opened(file, entry.signal, entry.rate, file.stat().st_mtime_ns if file.exists() else 0)
 
     def frames(self, choice: SkillChoice) -> Array:
         """The times of the frames of an episode, shape (T,) [s]. Raises InputError."""

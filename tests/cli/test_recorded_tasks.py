@@ -199,3 +199,5 @@ def test_a_first_workspace_comes_from_a_recording(planned, tmp_path):
     assert load_workspace(tmp_path / "cell").recordings["demo"].objects.keys() == {"part"}
     assert open_cell(tmp_path / "cell").rank(made.task).best.time == pytest.approx(planned[1].time)
     assert validate(read_yaml(tmp_path / "cell" / "place.yaml"), PlaceFile).mounts.keys() == {"left", "right", "above"}
+    written(planned[1], tmp_path / "taught.csv", holds=0.0)  # a recording that changes is read again
+    assert "nothing is grasped" in open_cell(tmp_path / "cell").rank(made.task).candidates[0].reasons[0]
