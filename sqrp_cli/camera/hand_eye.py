@@ -15,16 +15,16 @@ import ast
 import re
 import shlex
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from itertools import islice, pairwise, takewhile
+from itertools import islice, takewhile
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from sqrp_cli.camera.calibration_formats import FACTS, NUMPY, read_calibration_text, refuse_unread
+from sqrp_cli.camera.calibration_formats import FACTS, NUMPY
 from sqrp_cli.camera.camera import CameraEntry
-from sqrp_cli.camera.pose_matrices import X_of, chosen_pose, colmap_images, poses_in
+from sqrp_cli.camera.pose_matrices import read_pose
 from sqrp_cli.errors import Place, bad_input, expected_names
 from sqrp_cli.files.entries import Length, Number, Text, foreign
 from sqrp_cli.files.input_file import decoded, read_input
@@ -78,17 +78,14 @@ class StaticTransform(NamedTuple):
 
 def unit_quaternion(quaternion: Sequence[float]) -> Array | None:
     """The rotation matrix of x, y, z, w; None if that is not of length 1, to 1 %."""
-    length = sum(value * value for value in quaternion) ** 0.5
-    return None if abs(length - 1.0) > 0.01 else quaternion_to_matrix(quaternion)
+    return None if abs(float(np.linalg.norm(quaternion)) - 1.0) > 0.01 else quaternion_to_matrix(quaternion)
 
 
 _VECTOR = {"x": Length, "y": Length, "z": Length}
-_TRANSFORM = foreign(
-    translation=foreign(**_VECTOR), rotation=foreign(**dict.fromkeys("xyzw", Number))
-)  # `geometry_msgs/Transform`
+_TRANSFORM = foreign(translation=foreign(**_VECTOR), rotation=foreign(**dict.fromkeys("xyzw", Number)))
+"""`geometry_msgs/Transform`"""
 _STAMPED = foreign(header=foreign(frame_id=Text), child_frame_id=Text, transform=_TRANSFORM)
 _MESSAGE = foreign(transforms=Annotated[list[_STAMPED], Field(min_length=1)])  # type: ignore[valid-type]
-
 _RESULT: Any = {
     "transformation": (foreign(**_VECTOR, **dict.fromkeys(_QUATERNION, Number)) | None, None),
     "transform": (_TRANSFORM | None, None),
@@ -96,8 +93,7 @@ _RESULT: Any = {
 _PARAMETERS: Any = {
     "eye_on_hand": (bool | None, None),
     "calibration_type": (Literal["eye_in_hand", "eye_on_base"] | None, None),
-    "robot_base_frame": (Text | None, None),
-    "robot_effector_frame": (Text | None, None),
+    **dict.fromkeys(("robot_base_frame", "robot_effector_frame"), (Text | None, None)),
     "tracking_base_frame": Text,
 }
 _EASY_HANDEYE, _EARLY = foreign(**_RESULT, parameters=foreign(**_PARAMETERS)), foreign(**_RESULT, **_PARAMETERS)
@@ -116,7 +112,6 @@ def read_hand_eye(
     says so; entry: what the workspace says of the camera. Raises InputError, with the line, for missing keys, values of
     the wrong kind, what is no rotation, and numbers of which neither file nor workspace says what they are.
     """
-    transforms: StaticTransform | list[StaticTransform]
     if is_bag(path):
         pose_file, transforms = "/tf_static of a recording", read_bag(path)
         # A recording may be large: of that, what was read.
@@ -126,26 +121,28 @@ def read_hand_eye(
         text = "" if read.startswith(NUMPY) else decoded(path, read)
         pose_file = next((name for name, mark in FACTS["poses"].items() if re.search(mark, text, re.MULTILINE)), "")
         if not pose_file:
-            return _of_numbers(path, read, text, camera, asked, entry)
+            one, X_FC, document, title = read_pose(path, read, text, camera, asked, entry)
+            frame, place = (entry.frame if entry is not None else None) or "", document.value_place(one.at)
+            return StaticTransform(frame, one.name, X_FC, place, title, read, axes=one.axes)
         transforms = READERS[pose_file](path, read, text)
     for key in ("pose_of", "unit", "rotation"):
         if entry is not None and getattr(entry.hand_eye, key, None) is not None:
             message = f"`{asked}.{key}` is of matrices and vectors; this file, {pose_file}, says it itself"
             raise bad_input("conflicting-keys", message, Place(path), mend=f"leave `{key}` out")
-    if isinstance(transforms, StaticTransform):
-        return transforms
+    if pose_file == "easy_handeye":
+        return transforms[0]
+
     above, parents = {one.child: one for one in transforms}, {one.parent for one in transforms}
     frame = "" if camera is None else camera.lstrip("/")
     if camera is None:
         leaves = [child for child in above if child not in parents]
-        optical = leaves if len(leaves) == 1 else [child for child in leaves if "optical" in child]
-        if len(optical) != 1:
-            names = optical or leaves
+        names = [child for child in leaves if "optical" in child] or leaves
+        frame = (leaves if len(leaves) == 1 else names)[0] if names else ""
+        if len(leaves) != 1 and (len(names) != 1 or "optical" not in frame):
             listed = ", ".join(f"`{name}`" for name in names[:10])
-            mend = f"say which: `{asked}: {{file: {path.name}, camera: {names[0]}}}`" if names else None
+            mend = f"say which: `{asked}: {{file: {path.name}, camera: {frame}}}`" if names else None
             message = f"which frame is the camera's? The file has {listed}"
             raise bad_input("ambiguous-entry", message, Place(path), mend=mend)
-        frame = optical[0]
     if frame not in above:
         message = f"`{asked}.camera`: found `{frame}`, which has no transform in the file; "
         raise bad_input("unknown-camera", message + expected_names(frame, above), Place(path))
@@ -158,27 +155,7 @@ def read_hand_eye(
     raise bad_input("wrong-value", f"the frames above `{frame}` lead back to it", last.place)
 
 
-def _of_numbers(
-    path: Path, content: bytes, text: str, camera: str | None, asked: str, entry: CameraEntry | None
-) -> StaticTransform:
-    """The pose that numbers of a file state."""
-    if re.search(FACTS["colmap_images"], text):
-        document, title = SourceDocument(path, content, {}, {}, {}), "COLMAP's images.txt"
-        found = colmap_images(text, path)
-    else:
-        refuse_unread(path, content, "hand_eye")
-        document, syntax = read_calibration_text(path, FACTS["pose_keys"])
-        title, found = f"a matrix ({syntax})", poses_in(document)
-        title = "transforms.json" if "frames" in document.data else title
-    if not found:
-        message = f"found no camera pose; expected {', '.join(READERS)}, a recording, a matrix or a vector of 6"
-        raise bad_input("unknown-calibration", message, Place(path))
-    one = chosen_pose(found, camera, document, asked)
-    X_FC, frame = X_of(one, document.value_place(one.at), asked, entry), (entry.frame if entry is not None else None)
-    return StaticTransform(frame or "", one.name, X_FC, document.value_place(one.at), title, content, axes=one.axes)
-
-
-def _easy_handeye(path: Path, content: bytes, _text: str) -> StaticTransform:
+def _easy_handeye(path: Path, content: bytes, _text: str) -> list[StaticTransform]:
     """A result of easy_handeye."""
     document = parse_yaml(path, content, keys=FACTS["pose_keys"])
     owner: KeyPath = () if "tracking_base_frame" in document.data else ("parameters",)
@@ -203,17 +180,11 @@ def _easy_handeye(path: Path, content: bytes, _text: str) -> StaticTransform:
     quaternion = [getattr(r, name) for name in ("xyzw" if result.transform else _QUATERNION)]
     R = unit_quaternion(quaternion)
     if R is None:
-        length = sum(value * value for value in quaternion) ** 0.5
-        raise document.error("not-a-rotation", at, f"the quaternion has length {length:.3g}, expected 1")
-    return StaticTransform(
-        parent=frame.lstrip("/"),
-        child=parameters.tracking_base_frame,
-        X_PC=read_only(pose(R, (t.x, t.y, t.z))),
-        place=document.value_place((*owner, key)),
-        pose_file="easy_handeye",
-        content=document.content,
-        document=document,
-    )
+        message = f"the quaternion has length {float(np.linalg.norm(quaternion)):.3g}, expected 1"
+        raise document.error("not-a-rotation", at, message)
+    X, place = read_only(pose(R, (t.x, t.y, t.z))), document.value_place((*owner, key))
+    child = parameters.tracking_base_frame
+    return [StaticTransform(frame.lstrip("/"), child, X, place, "easy_handeye", document.content, document)]
 
 
 def _read_urdf(path: Path, content: bytes, _text: str) -> list[StaticTransform]:
@@ -234,12 +205,10 @@ def _read_messages(path: Path, _content: bytes, text: str) -> list[StaticTransfo
     for part in _DOCUMENTS.split(text):
         if any(row.strip() and not row.lstrip().startswith("#") for row in part.split("\n")):
             document = parse_yaml(path, ("\n" * line + part).encode())
-            stamped: dict[KeyPath, Any] = {}
-            if "transforms" in document.data:
-                stamped |= {("transforms", i): one for i, one in enumerate(validate(document, _MESSAGE).transforms)}
-            else:
-                stamped[()] = validate(document, _STAMPED)
-            for at, one in stamped.items():
+            is_list = "transforms" in document.data
+            stamped = validate(document, _MESSAGE).transforms if is_list else [validate(document, _STAMPED)]
+            for number, one in enumerate(stamped):
+                at: KeyPath = ("transforms", number) if is_list else ()
                 transform = StaticTransform.of(one, document.value_place((*at, "header", "frame_id")))
                 if transform is None:
                     message = "the quaternion is not of length 1 (order x, y, z, w)"
@@ -252,133 +221,128 @@ def _read_messages(path: Path, _content: bytes, text: str) -> list[StaticTransfo
 def _read_launch(path: Path, content: bytes, text: str) -> list[StaticTransform]:
     """Transforms that a launch file or script publishes.
 
-    Nodes whose conditions are false with the defaults of the launch arguments are left out. Raises InputError, with the
-    line, for arguments and conditions that only a launch could know.
+    Launch files in Python, which are not executed, and scripts are brought into the form of those in XML. Nodes whose
+    conditions are false with the defaults of the launch arguments are left out. Raises InputError, with the line, for
+    arguments and conditions that only a launch could know.
     """
     if text.lstrip().startswith("<"):
         root = parse_xml(path, content, "launch")
-        stated = [one for one in root.inside() if one.tag == "arg"]
-        defaults = {one.attributes.get("name", ""): one.attributes.get("value", one.attributes.get("default"))
-                    for one in stated}  # fmt: skip
-        return [_of_words(_substituted(one.text("args"), defaults, one.place).split(), one.place)
-                for one in _of_xml(root, defaults)]  # fmt: skip
-    if re.search(r"^[ \t]*(from|import)\s", text, re.MULTILINE):
-        return list(_of_python(path, text))
-    found = []
-    for number, line in enumerate(text.replace("\\\n", "  ").splitlines(), 1):
-        if PUBLISHER in line and not line.lstrip().startswith("#"):
-            try:
-                words = shlex.split(line.split(PUBLISHER, 1)[1], comments=True)
-            except ValueError as error:
-                raise bad_input("wrong-value", f"cannot be split: {error}", Place(path, number)) from None
-            found.append(_of_words([*takewhile(lambda word: word not in _SHELL, words)], Place(path, number, 1)))
-    return found
+    elif re.search(r"^[ \t]*(from|import)\s", text, re.MULTILINE):
+        root = _of_python(path, text)
+    else:
+        root = Element("launch", {}, Place(path))
+        for number, line in enumerate(text.replace("\\\n", "  ").splitlines(), 1):
+            if PUBLISHER in line and not line.lstrip().startswith("#"):
+                try:
+                    words = shlex.split(line.split(PUBLISHER, 1)[1], comments=True)
+                except ValueError as error:
+                    raise bad_input("wrong-value", f"cannot be split: {error}", Place(path, number)) from None
+                stated = " ".join(takewhile(lambda word: word not in _SHELL, words))
+                root.children.append(Element("node", {"exec": PUBLISHER, "args": stated}, Place(path, number, 1)))
+
+    arguments = (one.attributes for one in root.inside() if one.tag == "arg")
+    defaults = {one.get("name", ""): one.get("value", one.get("default")) for one in arguments}
+    return [*_published(root, defaults)]
 
 
-def _of_xml(holder: Element, defaults: Mapping[str, str | None]) -> Iterator[Element]:
-    """The nodes that publish, in groups too, whose conditions hold."""
-    for one in holder.children:
-        publishes = PUBLISHER in (one.attributes.get("type"), one.attributes.get("exec"))
-        if not publishes and all(PUBLISHER not in inner.attributes.values() for inner in one.inside()):
-            continue
-        if all(_holds(one.attributes[word], word == "if", defaults, one.place)
-               for word in ("if", "unless") if word in one.attributes):  # fmt: skip
-            yield from (one,) if publishes else _of_xml(one, defaults)
-
-
-def _substituted(text: str, defaults: Mapping[str, str | None], place: Place) -> str:
-    """A text with the defaults of the launch arguments in it, such as `$(arg x)`."""
-    for _ in range(MOST_SUBSTITUTIONS):  # a default may have others in it
-        found = re.search(r"\$\((?:(?:arg|var)\s+([^\s()]+))?[^()]*\)", text)
-        if found is None:
-            return text
-        if (value := defaults.get(found[1] or "")) is None:
-            break
-        text = text.replace(found[0], value)
-    message = f"this transform depends on `{found[0][:60] if found else text[:60]}`, which is not known before a launch"
-    mend = "give the argument a default, or write the transform that holds into a file of its own"
-    raise bad_input("ambiguous-entry", message, place, mend=mend)
-
-
-def _holds(text: str, wanted: bool, defaults: Mapping[str, str | None], place: Place) -> bool:
-    """Whether a condition, such as `$(arg sim)`, is as wanted with the defaults of the arguments."""
-    value = _substituted(text, defaults, place).strip().lower()
-    if value not in ("true", "false", "1", "0"):
-        value = _substituted(f"$({text})", {}, place)
-    return (value in ("true", "1")) == wanted
-
-
-def _of_python(path: Path, text: str) -> Iterator[StaticTransform]:
-    """Nodes of a launch file in Python, which is parsed and not executed."""
+def _of_python(path: Path, text: str) -> Element:
+    """The calls in a launch file in Python as elements, each in that of the call around it, by what they stand for."""
     try:
         tree = ast.parse(text)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         line = getattr(error, "lineno", None)
         raise bad_input("python-syntax", "this is no Python that can be parsed", Place(path, line)) from None
-    calls = [call for call in ast.walk(tree) if isinstance(call, ast.Call)]
     names = {target.id: one.value for one in ast.walk(tree) if isinstance(one, ast.Assign)
              for target in one.targets if isinstance(target, ast.Name)}  # fmt: skip
-    defaults: dict[str, str | None] = {}
-    around: dict[ast.Call, list[tuple[str, bool]]] = {}  # conditions, and whether each has to hold
-    for call in calls:  # the outer ones first
-        given = {keyword.arg: keyword.value for keyword in call.keywords}
-        name, default = next(iter(call.args), given.get("name")), given.get("default_value")
-        if isinstance(name, ast.Constant) and isinstance(default, ast.Constant):
-            defaults[str(name.value)] = str(default.value)
-        if (
-            condition := given.get("condition")
-        ) is not None:  # `IfCondition(LaunchConfiguration(...))`, or the opposite
-            condition = names.get(condition.id, condition) if isinstance(condition, ast.Name) else condition
-            asked = (ast.unparse(condition), True)
-            if isinstance(condition, ast.Call) and (
-                found := re.search("(If|Unless)Condition$", ast.unparse(condition.func))
-            ):
-                asked = (_plain(condition.args[0], names) or asked[0], found[1] == "If")
-            for inner in (inner for inner in ast.walk(call) if isinstance(inner, ast.Call)):
-                around.setdefault(inner, []).append(asked)
-    for call in calls:
-        given = {keyword.arg: keyword.value for keyword in call.keywords}
-        executable = given.get("executable", given.get("node_executable"))
-        if not (isinstance(executable, ast.Constant) and executable.value == PUBLISHER):
-            continue
-        place, stated = Place(path, call.lineno, call.col_offset + 1), given.get("arguments")
-        if not all(_holds(*asked, defaults, place) for asked in around.get(call, ())):
-            continue
-        if not isinstance(stated, ast.List | ast.Tuple):
-            message = f"the `arguments` of `{PUBLISHER}` are no list that can be read without running the file"
-            raise bad_input("wrong-value", message, place, mend="write them as a list of texts")
-        words = []
-        for item in stated.elts:
-            at, word = Place(path, item.lineno, item.col_offset + 1), _plain(item, names)
-            if word is None:
-                message = f"`{ast.unparse(item)}` is not known without running the file; expected text or a number"
-                raise bad_input("wrong-value", message, at, mend="write the value itself")
-            words.append(_substituted(word, defaults, at))
-        yield _of_words(words, place)
+    holders: dict[ast.AST, Element] = {tree: Element("launch", {}, Place(path))}
+    for node in ast.walk(tree):  # the outer ones first
+        if isinstance(node, ast.Call):
+            given = {keyword.arg or "": keyword.value for keyword in node.keywords}
+            one = Element("node", {}, Place(path, node.lineno, node.col_offset + 1))
+            name, default = next(iter(node.args), given.get("name")), given.get("default_value")
+            if isinstance(name, ast.Constant) and isinstance(default, ast.Constant):
+                one = Element("arg", {"name": str(name.value), "default": str(default.value)}, one.place)
+
+            executable, stated = given.get("executable", given.get("node_executable")), given.get("arguments")
+            if isinstance(executable, ast.Constant) and executable.value == PUBLISHER:
+                one.attributes["exec"] = PUBLISHER
+                if isinstance(stated, ast.List | ast.Tuple):
+                    one.attributes["args"] = " ".join(_plain(item, names) for item in stated.elts)
+            if condition := given.get("condition"):  # `IfCondition(LaunchConfiguration(...))`, or the opposite
+                condition = names.get(condition.id, condition) if isinstance(condition, ast.Name) else condition
+                kind = re.match(r"[\w.]*(If|Unless)Condition\(", ast.unparse(condition))
+                asked = condition.args[0] if kind and isinstance(condition, ast.Call) and condition.args else condition
+                one.attributes[kind[1].lower() if kind else "if"] = _plain(asked, names)
+            if one.attributes:
+                holders[node].children.append(one)
+                holders[node] = one
+        holders |= dict.fromkeys(ast.iter_child_nodes(node), holders[node])
+    return holders[tree]
 
 
-def _plain(node: ast.expr, names: Mapping[str, ast.expr]) -> str | None:
-    """A text, number or launch argument of Python, as launch files in XML have it; None for anything else."""
+def _plain(node: ast.expr, names: Mapping[str, ast.expr]) -> str:
+    """A text, number or launch argument of Python, as launch files in XML have it; anything else in `$(...)`."""
     node = names.get(node.id, node) if isinstance(node, ast.Name) else node
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) and (text := _plain(node.operand, {})):
-        return f"-{text}"
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) and isinstance(node.operand, ast.Constant):
+        return f"-{node.operand.value}"
     if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("LaunchConfiguration") and node.args:
         return f"$(var {_plain(node.args[0], {})})"
-    return str(node.value) if isinstance(node, ast.Constant) and isinstance(node.value, str | int | float) else None
+    if isinstance(node, ast.Constant) and isinstance(node.value, str | int | float):
+        return str(node.value)
+    return f"$({ast.unparse(node)})"
 
 
-def _of_words(words: Sequence[str], place: Place) -> StaticTransform:
+def _published(holder: Element, defaults: Mapping[str, str | None]) -> Iterator[StaticTransform]:
+    """What nodes publish, in groups too, whose conditions hold with the defaults of the arguments."""
+    for one in holder.children:
+        publishes = PUBLISHER in (one.attributes.get("type"), one.attributes.get("exec"))
+        if not publishes and all(PUBLISHER not in inner.attributes.values() for inner in one.inside()):
+            continue
+        for word in [word for word in ("if", "unless") if word in one.attributes]:  # such as `$(arg sim)`
+            value = _substituted(one.attributes[word], defaults, one.place).strip().lower()
+            if value not in ("true", "false", "1", "0"):
+                value = _substituted(f"$({value})", {}, one.place)
+            if (value in ("true", "1")) != (word == "if"):
+                break
+        else:
+            if not publishes:
+                yield from _published(one, defaults)
+            elif "args" not in one.attributes:
+                message = f"the arguments of `{PUBLISHER}` are no list that can be read without running the file"
+                raise bad_input("wrong-value", message, one.place, mend="write them as a list of texts")
+            else:
+                yield _of_words(_substituted(one.attributes["args"], defaults, one.place), one.place)
+
+
+def _substituted(text: str, defaults: Mapping[str, str | None], place: Place) -> str:
+    """A text with the defaults of the launch arguments in it, such as `$(arg x)`."""
+    for _ in range(MOST_SUBSTITUTIONS):  # a default may have others in it
+        found = re.search(r"\$\((?:arg|var)\s+([^\s()]+)[^()]*\)", text)
+        if found is None or (value := defaults.get(found[1])) is None:
+            break
+        text = text.replace(found[0], value)
+    if left := re.search(r"\$\(((?:[^()]|\([^()]*\))*)\)?", text):
+        message, mend = (
+            f"`{left[1][:60]}` is not known without running the file; expected text or a number",
+            "write the value itself",
+        )
+        if re.match(r"(arg|var)\s", left[1]):
+            message = f"this transform depends on `{left[0][:60]}`, which is not known before a launch"
+            mend = "give the argument a default, or write the transform that holds into a file of its own"
+        raise bad_input("ambiguous-entry", message, place, mend=mend)
+    return text
+
+
+def _of_words(text: str, place: Place) -> StaticTransform:
     """The transform of the publisher's arguments: with options, or in its older order; `--ros-args` ends them."""
-    words = [*takewhile(lambda word: word != "--ros-args", words)]
-    numbers = [word for word in words if re.fullmatch(r"[-+]?[\d.][\d.eE+-]*", word)]
-    frames = [word for word in words if word not in numbers]
+    words = [*takewhile(lambda word: word != "--ros-args", text.split())]
+    frames = [word for word in words if not re.fullmatch(r"[-+]?[\d.][\d.eE+-]*", word)]
     if any(word.startswith("--frame-id") for word in words):
-        split = [part for word in words for part in (word.split("=", 1) if word.startswith("--") else [word])]
-        values = {name[2:].replace("-", "_"): value for name, value in pairwise(split) if name.startswith("--")}
-        for name in ("frame_id", "child_frame_id"):
+        values = dict(re.findall(r"(?<!\S)--([\w-]+)[= ](?=(\S+))", " ".join(words)))
+        for name in ("frame-id", "child-frame-id"):
             if name not in values:
-                raise bad_input("missing-key", f"`{PUBLISHER}` lacks `--{name.replace('_', '-')}`", place)
-        frames = [values["frame_id"], values["child_frame_id"]]
+                raise bad_input("missing-key", f"`{PUBLISHER}` lacks `--{name}`", place)
+        frames = [values["frame-id"], values["child-frame-id"]]
     elif len(words) > 2 and len(frames) == 2 and (count := words.index(frames[0])) in (6, 7):
         names = (*_POSITION, *_ANGLES[::-1]) if count == 6 else (*_POSITION, *_QUATERNION)
         values = dict(zip(names, words, strict=False))
@@ -388,10 +352,9 @@ def _of_words(words: Sequence[str], place: Place) -> StaticTransform:
 
     figures = {}
     for name in (*_POSITION, *_QUATERNION, *_ANGLES):
-        text = values.get(name, "1" if name == "qw" else "0")
-        figures[name] = as_number(text)
+        figures[name] = as_number(stated := values.get(name, "1" if name == "qw" else "0"))
         if not abs(figures[name]) <= LARGEST_TRANSLATION:
-            message = f"`{name}` is `{text}`, expected a number of at most {LARGEST_TRANSLATION:g}"
+            message = f"`{name}` is `{stated}`, expected a number of at most {LARGEST_TRANSLATION:g}"
             raise bad_input("wrong-value", message, place)
     R: Array | None = rpy_to_matrix([figures[name] for name in _ANGLES])
     if any(name in values for name in _QUATERNION):
@@ -419,10 +382,10 @@ def read_bag(path: Path) -> list[StaticTransform]:
     return list(found.values())
 
 
-READERS: Mapping[str, Callable[[Path, bytes, str], StaticTransform | list[StaticTransform]]] = {
+READERS: Mapping[str, Callable[[Path, bytes, str], list[StaticTransform]]] = {
     "a URDF": _read_urdf,
     PUBLISHER: _read_launch,
     "TF messages": _read_messages,
     "easy_handeye": _easy_handeye,
 }
-"""By format the transforms of a file, of which the camera's are chosen and put together, or the pose itself."""
+"""By format the transforms of a file, of which the camera's are chosen and put together."""

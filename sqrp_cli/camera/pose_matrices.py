@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sqrp_cli.camera.calibration_formats import flat, squashed
+from sqrp_cli.camera.calibration_formats import FACTS, flat, read_calibration_text, refuse_unread, squashed
 from sqrp_cli.camera.camera import CameraEntry
 from sqrp_cli.errors import Place, bad_input, expected_names, first_names
 from sqrp_cli.files.source import KeyPath, SourceDocument, dotted
@@ -51,22 +51,52 @@ class PoseNumbers(NamedTuple):
     axes: str | None = None
 
 
-def colmap_images(text: str, path: Path) -> list[PoseNumbers]:
+def read_pose(
+    path: Path, content: bytes, text: str, camera: str | None, asked: str, entry: CameraEntry | None
+) -> tuple[PoseNumbers, Array, SourceDocument, str]:
+    """The wanted pose of a file of numbers, or its only one, X_FC of it, its document, and the name of its format.
+
+    X_FC has the camera's axes as the file has them. camera: its name in the file; asked: the key of the workspace that
+    says so; entry: what the workspace says of the camera. Raises InputError where there is none, or several, where
+    neither file nor workspace says what the numbers are, and for those that are no rotation.
+    """
+    if re.search(FACTS["colmap_images"], text):
+        document, title = SourceDocument(path, content, {}, {}, {}), "COLMAP's images.txt"
+        found = _colmap_images(text, path)
+    else:
+        refuse_unread(path, content, "hand_eye")
+        document, syntax = read_calibration_text(path, FACTS["pose_keys"])
+        title, found = "transforms.json" if "frames" in document.data else f"a matrix ({syntax})", _poses_in(document)
+    names, place = [one.name for one in found], Place(path)
+    if not found:
+        known = ", ".join(FACTS["poses"])
+        message = f"found no camera pose; expected {known}, a recording, a matrix or a vector of 6"
+        raise bad_input("unknown-calibration", message, place)
+    if camera is not None and camera not in names:
+        message = f"`{asked}.camera`: found `{camera}`, which has no pose in the file; "
+        raise bad_input("unknown-camera", message + expected_names(camera, names), place)
+    one, *more = [one for one in found if camera in (None, one.name)]
+    if more:
+        mend = f"say which: `{asked}: {{file: {path.name}, camera: {names[0]}}}`"
+        raise bad_input("ambiguous-entry", f"the file has the poses {first_names(names)}", place, mend=mend)
+    return one, _X_of(one, document.value_place(one.at), asked, entry), document, title
+
+
+def _colmap_images(text: str, path: Path) -> list[PoseNumbers]:
     """The images of COLMAP's `images.txt`: in every other line number, quaternion, position, camera and name."""
     lines = [line.split(maxsplit=9) for line in text.splitlines() if not line.lstrip().startswith("#")]
     found = []
-    for words in lines[::2]:
+    for words in [words for words in lines[::2] if words]:
         numbers = [as_number(word) for word in words[1:8]]
-        if words and (len(words) < 10 or not np.isfinite(numbers).all()):
+        if len(words) < 10 or not np.isfinite(numbers).all():
             message = f"found `{' '.join(words)[:60]}`, expected number, qw qx qy qz, tx ty tz, camera and name"
             raise bad_input("wrong-length", message, Place(path))
-        if words:
-            found.append(PoseNumbers(words[9].strip(), (), numbers[:4], numbers[4:], "wxyz", "frame", None, "optical"))
+        found.append(PoseNumbers(words[9].strip(), (), numbers[:4], numbers[4:], "wxyz", "frame", None, "optical"))
     return found
 
 
-def poses_in(document: SourceDocument) -> list[PoseNumbers]:
-    """The poses of a file of keys and values, or of arrays, in its order."""
+def _poses_in(document: SourceDocument) -> list[PoseNumbers]:
+    """The poses of a file of keys and values, or of arrays, in its order: matrices, vectors, or pairs of these."""
     found = list[PoseNumbers]()
     waiting: list[tuple[KeyPath, object]] = [((), document.data)]
     while waiting:  # depth first
@@ -76,7 +106,6 @@ def poses_in(document: SourceDocument) -> list[PoseNumbers]:
         deeper: list[tuple[KeyPath, object]] = []
         for key, value in inside:
             numbers, path, name = _numbers(value), (*at, key), squashed(str(key))
-            of, unit, axes = _defined(name, held)
             label = str(held["file_path"]) if isinstance(held, dict) and "file_path" in held else dotted(path)
             match, count = _PAIR.fullmatch(name) or _OTHER_PAIR.fullmatch(name), len(numbers or ())
             if numbers is None and len(at) < MOST_NESTED:
@@ -87,30 +116,28 @@ def poses_in(document: SourceDocument) -> list[PoseNumbers]:
                 M = np.array(numbers).reshape(-1, 4)
                 if len(M) == 4 and not M[:3, 3].any() and M[3, :3].any():
                     M = M.T  # column by column, or for points in rows
-                found.append(
-                    PoseNumbers(label, path, M[:3, :3].ravel().tolist(), M[:3, 3].tolist(), None, of, unit, axes)
-                )
+                turn, shift = M[:3, :3].ravel().tolist(), M[:3, 3].tolist()
+                found.append(PoseNumbers(label, path, turn, shift, None, *_defined(name, held)))
             elif numbers and count in (6, 7):
-                found.append(PoseNumbers(label, path, numbers[3:], numbers[:3], None, of, unit, axes))
+                found.append(PoseNumbers(label, path, numbers[3:], numbers[:3], None, *_defined(name, held)))
         for (before, after), pair in pairs.items():
             if len(pair) == 2 and len(pair["shift"][1]) == 3:
-                (path, turn), (_, shift) = pair["turn"], pair["shift"]
-                is_bop = (before, after) == ("cam", "w2c")  # which defines them
+                (path, turn), (_, shift), label = pair["turn"], pair["shift"], dotted(at) or before + after or "pose"
                 kind = "rotvec" if "vec" in squashed(str(path[-1])) else None
-                of, unit, axes = ("frame", 1e-3, "optical") if is_bop else _defined(before + after, held)
-                found.append(
-                    PoseNumbers(dotted(at) or before + after or "pose", path, turn, shift, kind, of, unit, axes)
-                )
+                is_bop = (before, after) == ("cam", "w2c")  # which defines them
+                defined = ("frame", 1e-3, "optical") if is_bop else _defined(before + after, held)
+                found.append(PoseNumbers(label, path, turn, shift, kind, *defined))
         waiting += deeper[::-1]
     return found
 
 
 def _defined(name: str, held: object) -> tuple[str | None, float | None, str | None]:
     """What the key of a matrix, and the mapping that has it, say: which pose it is, its unit and axes."""
-    if isinstance(held, dict) and "metersPerSceneUnit" in held and name == "cameraviewtransform":  # of Isaac Sim
-        unit = held["metersPerSceneUnit"]
+    beside = held if isinstance(held, dict) else {}
+    if name == "cameraviewtransform" and "metersPerSceneUnit" in beside:  # of Isaac Sim
+        unit = beside["metersPerSceneUnit"]
         return "frame", float(unit) if isinstance(unit, int | float) else None, "opengl"
-    if isinstance(held, dict) and "file_path" in held and name == "transformmatrix":  # of nerfstudio
+    if name == "transformmatrix" and "file_path" in beside:  # of nerfstudio
         return "camera", None, "opengl"
     return "camera" if _OF_CAMERA.search(name) else "frame" if _OF_FRAME.search(name) else None, None, None
 
@@ -125,56 +152,43 @@ def _numbers(value: object) -> list[float] | None:
     return [float(one) for one in value]
 
 
-def chosen_pose(found: Sequence[PoseNumbers], camera: str | None, document: SourceDocument, asked: str) -> PoseNumbers:
-    """The wanted one of a file's poses, or its only one."""
-    names, place = [one.name for one in found], Place(document.path)
-    if camera is not None and camera not in names:
-        message = f"`{asked}.camera`: found `{camera}`, which has no pose in the file; "
-        raise bad_input("unknown-camera", message + expected_names(camera, names), place)
-    fitting = [one for one in found if camera in (None, one.name)]
-    if len(fitting) > 1:
-        mend = f"say which: `{asked}: {{file: {document.path.name}, camera: {names[0]}}}`"
-        raise bad_input("ambiguous-entry", f"the file has the poses {first_names(names)}", place, mend=mend)
-    return fitting[0]
-
-
-def X_of(one: PoseNumbers, place: Place, asked: str, entry: CameraEntry | None) -> Array:
-    """X_FC of a pose, with the camera's axes as the file has them; entry: what the workspace says of the camera.
-
-    Raises InputError where neither file nor workspace says what the numbers are, and for those that are no rotation.
-    """
-    stated = entry.hand_eye if entry is not None else None
-    for key in ("pose_of", "unit", "rotation"):
-        own, told = getattr(one, key), getattr(stated, key, None)
+def _X_of(one: PoseNumbers, place: Place, asked: str, entry: CameraEntry | None) -> Array:
+    """X_FC of a pose, by what the file says of its numbers, and what the workspace does."""
+    kinds = [f"`{name}`" for name, count in _ROTATIONS.items() if count == len(one.turn)]
+    means = {key: getattr(one, key) for key in ("pose_of", "unit", "rotation")}
+    for key, own in means.items():
+        told = getattr(entry.hand_eye, key, None) if entry is not None else None
         if None not in (own, told) and own != told:
-            message = (
-                f"`{asked}.{key}` is `{told}`, but by the format of the file, or the name of its key, it is `{own}`"
+            by = "by the format of the file, or the name of its key, it is"
+            raise bad_input(
+                "wrong-value", f"`{asked}.{key}` is `{told}`, but {by} `{own}`", place, mend=f"leave `{key}` out"
             )
-            raise bad_input("wrong-value", message, place, mend=f"leave `{key}` out")
-    of, unit, notation = one.pose_of, one.unit, one.rotation
-    if stated is not None:
-        of, unit, notation = of or stated.pose_of, unit or stated.unit, notation or stated.rotation
-    wanted, beside, kinds = [], [], [f"`{name}`" for name, count in _ROTATIONS.items() if count == len(one.turn)]
-    if of is None:
-        wanted.append("`pose_of: camera` if it takes points of the camera to the frame that carries it, else `frame`")
-    if unit is None and any(one.shift):
-        wanted.append("`unit: m`, `mm` or the length of one unit")
-    if kinds and notation is None:
-        in_degrees = ", in radians, or with ` deg` behind it" if len(one.turn) == 3 else ""
-        wanted.append(f"`rotation` as one of {', '.join(kinds)}{in_degrees}")
-    if entry is None or entry.frame is None:
-        beside.append("`frame: world` or the link that carries the camera")
-    if one.axes is None and (entry is None or entry.convention is None):
-        beside.append(
-            "`convention: optical` (z forward, y down), `body` (x forward, z up) or `opengl` (z backward, y up)"
-        )
-    if wanted or beside:
+        means[key] = told if own is None else own
+
+    in_degrees = ", in radians, or with ` deg` behind it" if len(one.turn) == 3 else ""
+    wanted = {
+        "pose_of": "`pose_of: camera` if it takes points of the camera to the frame that carries it, else `frame`",
+        "unit": "`unit: m`, `mm` or the length of one unit" if any(one.shift) else "",
+        "rotation": f"`rotation` as one of {', '.join(kinds)}{in_degrees}" if kinds else "",
+    }
+    beside = {
+        "frame": "`frame: world` or the link that carries the camera",
+        "convention": "`convention: optical` (z forward, y down), `body` (x forward, z up) or `opengl` "
+        "(z backward, y up)"
+        if one.axes is None
+        else "",
+    }
+    lacks = {
+        f"in `{asked}`": [words for key, words in wanted.items() if words and means[key] is None],
+        "beside `hand_eye`": [words for key, words in beside.items() if words and getattr(entry, key, None) is None],
+    }
+    if any(lacks.values()):
         message = f"the file does not say what the {len(one.turn) + len(one.shift)} numbers of `{one.name}` mean"
-        told = [f"{where} {' and '.join(keys)}" for where, keys in
-                ((f"in `{asked}`", wanted), ("beside `hand_eye`", beside)) if keys]  # fmt: skip
-        raise bad_input("missing-key", message, place, mend=f"say {'; '.join(told)}")
-    X = pose(_rotation(np.array(one.turn, dtype=float), notation or "", place), np.array(one.shift) * (unit or 1.0))
-    return read_only(inverse(X) if of == "frame" else X)
+        say = "; ".join(f"{where} {' and '.join(words)}" for where, words in lacks.items() if words)
+        raise bad_input("missing-key", message, place, mend=f"say {say}")
+    R, unit = _rotation(np.array(one.turn, dtype=float), means["rotation"] or "", place), means["unit"] or 1.0
+    X = pose(R, np.array(one.shift) * unit)
+    return read_only(inverse(X) if means["pose_of"] == "frame" else X)
 
 
 def _rotation(turn: Array, notation: str, place: Place) -> Array:
