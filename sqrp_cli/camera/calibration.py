@@ -60,15 +60,15 @@ def read_calibration(
     K, rows = np.array(stated.K).reshape(3, 3), "[fx, 0, cx, 0, fy, cy, 0, 0, 1]"
     if K[0, 0] <= 0 or K[1, 1] <= 0:
         message = f"found focal lengths {K[0, 0]:g} and {K[1, 1]:g}, expected positive ones: {rows}"
-        raise part.error("wrong-value", stated.K_at, message)
+        raise part.error("wrong-value", stated.at["K"], message)
     if np.abs([K[1, 0], K[2, 0], K[2, 1], K[2, 2] - 1.0]).max() > 1e-6:
         message = f"found a last row that is not 0, 0, 1, or a second one that does not begin with 0; expected {rows}"
-        raise part.error("wrong-value", stated.K_at, message)
+        raise part.error("wrong-value", stated.at["K"], message)
     if abs(K[0, 1]) > 1e-6:
         # A pixel moves by the skew times its height in the plane z = 1.
         moved = abs(K[0, 1]) * max(K[1, 2] + 0.5, height - 0.5 - K[1, 2]) / K[1, 1]
         mend = f"set it to 0: pixels move by at most {moved:.2g}, in the rows that are farthest from the middle"
-        raise part.error("wrong-value", stated.K_at, f"found the skew {K[0, 1]:g}, expected 0: {rows}", mend)
+        raise part.error("wrong-value", stated.at["K"], f"found the skew {K[0, 1]:g}, expected 0: {rows}", mend)
     title = formats.FORMATS[stated.format_name]["files"][0].partition(" | ")[0]
     if stated.format_name == "camera_info":  # which is said in several syntaxes, by OpenCV and by programs, too
         matrix = part.at(camera.words.get("matrix", ("",)))
@@ -84,7 +84,7 @@ def read_calibration(
         distortion=read_only(coefficients),
         lens_file=title if name is None else f"{title}: {name}",
     )
-    check_image(part, stated.K_at, intrinsics)
+    check_image(part, stated.at["K"], intrinsics)
     return intrinsics, document, part
 
 
@@ -129,7 +129,7 @@ def _chosen(document: SourceDocument, wanted: CalibrationFile, asked: str) -> tu
 def _size(stated: formats.StatedLens, part: SourceDocument, wanted: CalibrationFile, asked: str) -> PixelSize:
     """That of the image, from the file or the workspace, which must not contradict each other."""
     told = PixelSize.of(wanted.width, wanted.height)
-    at = stated.size_at
+    at = stated.at["size"]
     if stated.size is None and at and told is None:
         key = str(at[-1])
         missing = "image_height" if formats.squashed(key).endswith(("width", "w", "cols")) else "image_width"
@@ -203,10 +203,10 @@ def _distortion(
         message = f"the file says nothing of the distortion of the lens{next(iter(near), '')}"
         mend = f"say `{key}: none` beside `calibration` if its images are straight, or name a file that has it"
         raise bad_input("missing-key", message, Place(document.path), mend=mend)
-    D, model, at = list(stated.D or ()), stated.model or "", stated.model_at
+    D, model, at = list(stated.D or ()), stated.model or "", stated.at["model"]
     if told is not None and any(D) != (told != "none"):
         message = f"the coefficients are {', '.join(f'{number:g}' for number in D)}, but `{key}` is `{told}`"
-        raise document.error("wrong-value", stated.D_at, message, f"leave `{key}` out")
+        raise document.error("wrong-value", stated.at["D"], message, f"leave `{key}` out")
     if formats.shortened(model) in formats.FACTS["late"] and told is None:
         moved = _moved_by_order(D, K, size)
         if moved > 1e-9:
@@ -216,7 +216,7 @@ def _distortion(
             )
             raise document.error("unknown-distortion-model", at, message, mend)
         told = "plumb_bob" if any(D) else "none"
-    model, at = (told, stated.D_at) if told is not None else (model, at)
+    model, at = (told, stated.at["D"]) if told is not None else (model, at)
     short, count = formats.shortened(model), len(D)
     if short and short not in known:
         usual = formats.FORMATS[stated.format_name].get("named", ("plumb_bob", "rational_polynomial", "equidistant"))
@@ -228,7 +228,7 @@ def _distortion(
         count -= 1
     if short:
         fewest = 4 if told == "plumb_bob" else least or most
-        check_count(document, stated.D_at, model, 0 if told == "none" else count, range(fewest, most + 1))
+        check_count(document, stated.at["D"], model, 0 if told == "none" else count, range(fewest, most + 1))
         return ours, [*D[:count], *[0.0] * (DISTORTION_LENGTHS[ours] - count)][: DISTORTION_LENGTHS[ours]]
     if count in _OPENCV_MODELS or not any(D):
         return _OPENCV_MODELS.get(count, "none"), D[:count] if count in _OPENCV_MODELS else []
@@ -236,12 +236,12 @@ def _distortion(
         message = "with 4 distortion coefficients the file must say `distortion_model`"
         how = ("add `distortion_model: radtan` (k1, k2, p1, p2) or `distortion_model: fisheye` (k1, k2, k3, k4), "
                f"or say `{key}: plumb_bob` or `{key}: equidistant` beside `calibration`")  # fmt: skip
-        raise document.error("missing-key", stated.D_at, message, how)
+        raise document.error("missing-key", stated.at["D"], message, how)
     message, mend = f"found {len(D)} distortion coefficients, expected 4, 5 or 8", ""
     if count > 8:
         message += f", with zeros after them; number {count} is {D[count - 1]:g}"
         mend = "calibrate without OpenCV's flags `CALIB_THIN_PRISM_MODEL` and `CALIB_TILTED_MODEL`"
-    raise document.error("wrong-length", stated.D_at, message, mend or None)
+    raise document.error("wrong-length", stated.at["D"], message, mend or None)
 
 
 def _moved_by_order(D: Sequence[float], K: Array, size: PixelSize) -> float:

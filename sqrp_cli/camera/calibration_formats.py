@@ -33,6 +33,7 @@ _INI_KEYS = {"camera matrix": "camera_matrix", "distortion": "distortion_coeffic
 _INI_KEY = re.compile(rf"^[ \t]*({'|'.join(_INI_KEYS)})[ \t\r]*$", re.MULTILINE)
 _INI_NAME = re.compile(r"(?!nan\b|inf\b)[a-z][a-z_ ]*")
 _INI_VALUE = re.compile(r"^[ \t]*([A-Za-z_][\w.]*)[ \t]*=[ \t]*([^#;\n\r]*)", re.MULTILINE)
+Entries = Iterator[tuple[KeyPath, Any, Place]]  # of a file: each value, or a mapping or list to be filled, in its order
 NUMPY = (b"PK\x03\x04", b"\x93NUMPY")  # how npz and npy files begin
 _ZED = re.compile(r"\w*CAM_(\w+)")
 _COLMAP_LINE = re.compile(r"\s*(?:#.*\n\s*)*\d+[ \t]+(?:[A-Z]+_?[A-Z_]+\s|[a-z_]+[ \t]+\d+[ \t]+\d+\s)")
@@ -46,9 +47,8 @@ def read_calibration_text(path: Path, keys: Collection[str] = ()) -> tuple[Sourc
     of these, or is damaged.
     """
     content = read_input(path, MAX_BYTES)
-    data, places = Data(), dict[KeyPath, Place]()
     if content.startswith(NUMPY):
-        return SourceDocument(path, content, read_arrays(path, content), places, places), "NumPy"
+        return SourceDocument(path, content, read_arrays(path, content), {}, {}), "NumPy"
     if not keys:
         refuse_unread(path, content)
     text = decoded(path, content)
@@ -56,29 +56,13 @@ def read_calibration_text(path: Path, keys: Collection[str] = ()) -> tuple[Sourc
     if re.match(r"\s*(?:\{|\[\s*[\[{])", text) and '"' in text:
         return json_document(path, text, parse_json(path, text)), "JSON"
     if text.lstrip().startswith("<"):
-        tags: dict[str, bool] = {}
-        for element in parse_xml(path, content, "opencv_storage").inside():
-            tags[element.tag] = tags.get(element.tag, True) and not element.children
-        root = parse_xml(path, content, "opencv_storage", frozenset(tag for tag, is_leaf in tags.items() if is_leaf))
-        syntax, data = "XML", _xml_value(root, (), places) if root.children else {}
+        syntax, entries = "XML", _xml_entries(_storage(path, content), ())
     elif _INI.search(text) and (_INI_KEY.search(text) or _INI_VALUE.search(text)):
-        syntax = "INI" if _INI_KEY.search(text) else "conf"
-        _read_sections(path, text, data, places)
+        syntax, entries = "INI" if _INI_KEY.search(text) else "conf", _section_entries(path, text)
     elif _COLMAP_LINE.match(text):
-        syntax = "COLMAP"
-        for number, line in enumerate(text.splitlines(), 1):
-            words, place = line.split("#")[0].split(), Place(path, number, 1)
-            if words and len(words) < 5:
-                message = "expected a camera in a line: its number, model, width, height and parameters"
-                raise bad_input("wrong-length", message, place)
-            if words:
-                width, height, params = _scalars(words[2]), _scalars(words[3]), _row(" ".join(words[4:]), place)
-                camera = {"model": words[1], "width": width, "height": height, "params": params}
-                _put(data, (words[0],), camera, place, places)
-                places |= {(words[0], key): place for key in camera}
+        syntax, entries = "COLMAP", _colmap_entries(path, text)
     elif len(plain.split()) in (6, 7, 9, 12, 16) and _NUMBERS.match(plain):
-        _put(data, ("K",), _row(plain, Place(path, 1, 1)), Place(path, 1, 1), places)
-        syntax = "text"
+        syntax, entries = "text", iter([(("K",), _row(plain, Place(path, 1, 1)), Place(path, 1, 1))])
     else:
         try:
             return parse_yaml(path, content, frozenset({"!!opencv-matrix"}), keys or TOP_KEYS, lists=True), "YAML"
@@ -86,6 +70,19 @@ def read_calibration_text(path: Path, keys: Collection[str] = ()) -> tuple[Sourc
             if not keys and content.strip() and not top_key(TOP_KEYS).search(text):
                 raise InputError(no_calibration(path)) from error
             raise
+
+    data, places = Data(), dict[KeyPath, Place]()
+    for at, value, place in entries:
+        owner: Any = data
+        for key in at[:-1]:
+            owner = owner[key]
+        if isinstance(owner, list):
+            owner.append(value)
+        elif at[-1] in owner:
+            raise bad_input("duplicate-key", f"`{at[-1]}` is given twice, first in line {places[at].line}", place)
+        else:
+            owner[at[-1]] = value
+        places[at] = place
     return SourceDocument(path, content, data, places, places), syntax
 
 
@@ -96,11 +93,8 @@ def read_arrays(path: Path, content: bytes) -> Data:
         arrays = {"array": found} if isinstance(found, np.ndarray) else {name: found[name] for name in found.files}
     except (ValueError, OSError, EOFError, KeyError, NotImplementedError, RuntimeError) as error:
         why = "it holds objects of Python" if "pickle" in str(error) else "it is damaged, or of something else"
-        message, mend = (
-            f"cannot be read as arrays of NumPy: {why}",
-            "save numbers alone: `numpy.savez(FILE, K=K, dist=D)`",
-        )
-        raise bad_input("unknown-calibration", message, Place(path), mend=mend) from None
+        message, mend = f"cannot be read as arrays of NumPy: {why}", "`numpy.savez(FILE, K=K, dist=D)`"
+        raise bad_input("unknown-calibration", message, Place(path), mend=f"save numbers alone: {mend}") from None
     numbers = {name: array for name, array in arrays.items() if array.dtype.kind in "iuf" and array.size <= 10_000}
     for name, array in numbers.items():
         if not np.isfinite(array).all():
@@ -122,53 +116,66 @@ def no_calibration(path: Path) -> Problem:
     return Problem("unknown-calibration", f"found no camera; expected one of {known}", Place(path), mend=mend)
 
 
-def _put(owner: Data, at: KeyPath, value: object, place: Place, places: dict[KeyPath, Place]) -> None:
-    """Add a value to the mapping that it is in. Raises InputError for a second one of its name."""
-    key = str(at[-1])
-    if key in owner:
-        raise bad_input("duplicate-key", f"`{key}` is given twice, first in line {places[at].line}", place)
-    owner[key], places[at] = value, place
+def _storage(path: Path, content: bytes) -> Element:
+    """The root of OpenCV's FileStorage, with the text of the elements that have no others in them."""
+    leaves: dict[str, bool] = {}
+    for element in parse_xml(path, content, "opencv_storage").inside():
+        leaves[element.tag] = leaves.get(element.tag, True) and not element.children
+    return parse_xml(path, content, "opencv_storage", frozenset(tag for tag, is_leaf in leaves.items() if is_leaf))
 
 
-def _xml_value(element: Element, at: KeyPath, places: dict[KeyPath, Place]) -> Any:  # noqa: ANN401 - whatever it is
-    """What an element of OpenCV's FileStorage holds, by the tags within it; `_` are the items of a list."""
-    if not element.children:
-        text = "".join(element.pieces).strip().strip('"')
-        return _row(text, element.place) if element.tag == "data" else _scalars(text)
-    if at and all(child.tag == "_" for child in element.children):
-        return [_xml_value(child, (*at, index), places) for index, child in enumerate(element.children)]
-    found: Data = {}
-    for child in element.children:
-        _put(found, (*at, child.tag), _xml_value(child, (*at, child.tag), places), child.place, places)
-    return found
+def _xml_entries(element: Element, at: KeyPath) -> Entries:
+    """What is within an element, by the tags; `_` are the items of a list."""
+    is_list = at and all(child.tag == "_" for child in element.children)
+    for index, child in enumerate(element.children):
+        path, text = (*at, index if is_list else child.tag), "".join(child.pieces).strip().strip('"')
+        if child.children:
+            yield path, [] if all(one.tag == "_" for one in child.children) else Data(), child.place
+            yield from _xml_entries(child, path)
+        else:
+            yield path, _row(text, child.place) if child.tag == "data" else _scalars(text), child.place
 
 
-def _read_sections(path: Path, text: str, data: Data, places: dict[KeyPath, Place]) -> None:
+def _colmap_entries(path: Path, text: str) -> Entries:
+    """The cameras of COLMAP by their numbers."""
+    for number, line in enumerate(text.splitlines(), 1):
+        words, place = line.split("#")[0].split(), Place(path, number, 1)
+        if words and len(words) < 5:
+            message = "expected a camera in a line: its number, model, width, height and parameters"
+            raise bad_input("wrong-length", message, place)
+        if words:
+            yield (words[0],), Data(), place
+            values = (words[1], _scalars(words[2]), _scalars(words[3]), _row(" ".join(words[4:]), place))
+            for key, value in zip(("model", "width", "height", "params"), values, strict=True):
+                yield (words[0], key), value, place
+
+
+def _section_entries(path: Path, text: str) -> Entries:
     """Sections in brackets, as in `ost.txt`, with values in the lines below a name, and as in ZED's `.conf`.
 
     The section `image` of the first has the size of the cameras after it; ZED names sections by the size.
     """
-    held, section, name, sizes = data, "", "", dict[str, tuple[object, Place]]()
+    section, name, sizes, rows = KeyPath(), "", dict[str, tuple[object, Place]](), dict[KeyPath, list[float]]()
     for number, line in enumerate(text.splitlines(), 1):
         words, place = line.split("#")[0].strip(), Place(path, number, 1)
+        in_image = section == ("image",)
         if words.startswith("["):
-            section, name, held = words.split("]")[0].strip("[ \t"), "", Data()
-            size = FORMATS["zed"]["sizes"].get(found[1]) if (found := _ZED.fullmatch(section)) else None
-            own = {"image_width": (size[0], place), "image_height": (size[1], place)} if size else sizes
-            if section != "image":
-                _put(data, (section,), held, place, places)
-                for key, (value, at) in own.items():
-                    _put(held, (section, key), value, at, places)
-        elif words and section == "image" and name in ("width", "height") and f"image_{name}" not in sizes:
+            section, name = (words.split("]")[0].strip("[ \t"),), ""
+            size = FORMATS["zed"]["sizes"].get(found[1]) if (found := _ZED.fullmatch(str(section[0]))) else None
+            if section != ("image",):
+                yield section, Data(), place
+                own = {"image_width": (size[0], place), "image_height": (size[1], place)} if size else sizes
+                yield from (((*section, key), *stated) for key, stated in own.items())
+        elif in_image and words and name in ("width", "height") and f"image_{name}" not in sizes:
             sizes[f"image_{name}"] = _scalars(words), place
-        elif match := _INI_VALUE.match(line):
-            value = _scalars(re.sub(r"[\[\],\"]", " ", match[2]).strip())
-            _put(held, (section, match[1]) if section else (match[1],), value, place, places)
+        elif (match := _INI_VALUE.match(line)) and not in_image:
+            yield (*section, match[1]), _scalars(re.sub(r"[\[\],\"]", " ", match[2]).strip()), place
         elif _INI_NAME.fullmatch(words):
             name = words
-        elif words and name in _INI_KEYS:
-            held.setdefault(_INI_KEYS[name], []).extend(_row(words, place))
-            places.setdefault((section, _INI_KEYS[name]), place)
+        elif words and name in _INI_KEYS and not in_image:
+            if (at := (*section, _INI_KEYS[name])) not in rows:
+                yield at, rows.setdefault(at, []), place
+            rows[at] += _row(words, place)
 
 
 def _row(text: str, place: Place) -> list[float]:
@@ -201,19 +208,15 @@ def flat(value: Any) -> Any:  # noqa: ANN401 - whatever a file has
 
 
 class StatedLens(NamedTuple):
-    """What a file says of a camera's lens, with the paths of the keys; K: row by row [pixels].
-
-    None where it says nothing of distortion (D), names no model, or does not say how large the image is.
-    """
+    """What a file says of a camera's lens; None where it says nothing of distortion, names no model, or has no size."""
 
     K: Sequence[float]
-    K_at: KeyPath
+    """The camera matrix, row by row [pixels]."""
     D: Sequence[float] | None
-    D_at: KeyPath
     model: str | None
-    model_at: KeyPath
     size: PixelSize | None
-    size_at: KeyPath
+    at: Mapping[str, KeyPath]
+    """Where each of these is."""
     format_name: str
 
 
@@ -344,20 +347,83 @@ def read_lens(camera: CameraInFile, part: SourceDocument, syntax: str, wanted: P
     values: dict[str, Any] = vars(validate(part, foreign(**fields)))
     for word in ("matrix", "D", "params", "projection"):
         if word in values and not isinstance(values[word], list):
-            at[word], matrix = (*at[word], "data"), values[word]
-            if None not in (matrix.rows, matrix.cols) and matrix.rows * matrix.cols != len(matrix.data):
-                expected = f"`rows` x `cols` = {matrix.rows} x {matrix.cols} = {matrix.rows * matrix.cols}"
-                message = f"found {len(matrix.data)} numbers, expected {expected}"
+            at[word], (rows, cols, values[word]) = (*at[word], "data"), vars(values[word]).values()
+            if None not in (rows, cols) and rows * cols != len(values[word]):
+                message = (
+                    f"found {len(values[word])} numbers, expected `rows` x `cols` = {rows} x {cols} = {rows * cols}"
+                )
                 raise part.error("wrong-length", at[word], message)
-            values[word] = matrix.data
+
     size = PixelSize.of(*(values.get("size") or (values.get("width"), values.get("height"))))
-    size_at = next((at[word] for word in ("size", "width", "height") if word in at), ())
-    model, model_at = _model(values, at, part, name)
+    at["size"] = next((at[word] for word in ("size", "width", "height") if word in at), ())
+    model = _model(values, at, part, name)
     if "params" in values and "models" in row:
-        size = _unfold(values, part, at, name, size, wanted)
-        at |= dict.fromkeys((*_PINHOLE, *COEFFICIENTS), at["params"])
-    image = size or wanted or PixelSize(1, 1)  # an unknown one is asked for later
-    middle = (0.5 * image.width - (not row.get("corner")) / 2, 0.5 * image.height - (not row.get("corner")) / 2)
+        size = _unfold(values, at, part, name, size, wanted)
+    _derive(values, at, part, name, size or wanted or PixelSize(1, 1))  # an unknown size is asked for later
+    K, size = _cut(_matrix(values, at, part), size, part, name)
+    if row.get("corner"):
+        K[2], K[5] = K[2] - 0.5, K[5] - 0.5
+    D, model = _coefficients(values, at, part, name, model)
+    if D is None and (row.get("pinhole") or model == "none"):
+        D, model = [], None
+    return StatedLens(K, D, model, size, at, name)
+
+
+def _model(values: Mapping[str, Any], at: dict[str, KeyPath], part: SourceDocument, name: str) -> str | None:
+    """The distortion model as the file calls it. Raises InputError for projections that are not read."""
+    kind, row, where = values.get("kind"), FORMATS[name], at.get("kind", ())
+    numbered = FACTS["numbered"].get(squashed(str(where[-1])) if where and name != "realsense" else name, ())
+    kind = numbered[kind] if type(kind) is int and 0 <= kind < len(numbered) else kind
+    short = "" if kind is None else shortened(str(kind))
+    is_known = short in ("", *FACTS["plain"], *FACTS["distortions"])
+    title = "" if name == "camera_info" else f" of {row['files'][0].partition(' | ')[0]}"
+    if "models" in row and "params" in values and str(kind).upper() not in row["models"]:
+        message = f"found `{kind}`, expected one of {', '.join(f'`{one}`' for one in row['models'])}"
+        raise part.error("unknown-distortion-model", where or at["params"], message, row.get("mend"))
+    if name != "colmap" and (short in FACTS["other"] or (row.get("strict") and not is_known)):
+        message = (f"this is a camera{title} with the projection `{kind}`, which is not read; expected `pinhole`, "
+                   "`fisheye` or `KANNALA_BRANDT`")  # fmt: skip
+        mend = "calibrate it again with a pinhole or a fisheye (equidistant) model"
+        raise part.error("unknown-distortion-model", where, message, mend)
+    if values.get("model"):
+        return str(values["model"])
+    at["model"] = where
+    if where and where[-1] in ("fisheye", "fisheye_model", "is_fisheye") and len(values.get("D", ())) == 4:
+        return "fisheye" if short in ("1", "true", "yes", "on") else "radtan"
+    is_told = short in FACTS["late"] or (is_known and short not in ("", *FACTS["plain"]))
+    return str(kind) if is_told else None
+
+
+def _unfold(
+    values: dict[str, Any], at: dict[str, KeyPath], part: SourceDocument, name: str, *sizes: PixelSize | None
+) -> PixelSize | None:
+    """Give the parameters of COLMAP and of the Azure Kinect their names; returns the size of the image.
+
+    sizes: by the file, and by the workspace.
+    """
+    model, (size, wanted) = str(values.get("kind")).upper(), sizes
+    names = FORMATS[name]["models"][model].split()
+    if len(values["params"]) != len(names):
+        message = f"found {len(values['params'])} parameters, `{model}` has {len(names)}: {', '.join(names)}"
+        raise part.error("wrong-length", at["params"], message)
+    values |= zip(names, values["params"], strict=True)
+    at |= dict.fromkeys((*_PINHOLE, *COEFFICIENTS), at["params"])
+    if name == "colmap":
+        values |= dict.fromkeys(("fx", "fy"), values["f"]) if "f" in values else {}
+        return size
+    mode = FORMATS[name]["modes"].get(str(wanted))
+    if mode is None or size is None or size.width * mode[1] != size.height * mode[0]:
+        message = f"which image of this sensor is it? Expected `width` and `height` of a mode, found {wanted or 'none'}"
+        mend = f"say them, such as `width: 1280, height: 720`: one of {', '.join(FORMATS[name]['modes'])}"
+        raise part.error("missing-key", at["params"], message, mend)
+    for focal, centre, side, cut in zip(("fx", "fy"), ("cx", "cy"), mode[:2], mode[2:], strict=True):
+        values[focal], values[centre] = values[focal] * side, values[centre] * side - cut - 0.5
+    return wanted
+
+
+def _derive(values: dict[str, Any], at: dict[str, KeyPath], part: SourceDocument, name: str, image: PixelSize) -> None:
+    """Focal lengths and principal point where a file states them in another way, or leaves them out."""
+    middle = [0.5 * side - (0.0 if FORMATS[name].get("corner") else 0.5) for side in image]
     if "projection" in values:  # of OpenGL, rows of points times matrix; the middle is 0
         P = values["projection"]
         if len(P) != 16 or abs(P[8]) > 1e-9 or abs(P[9]) > 1e-9:
@@ -368,33 +434,26 @@ def read_lens(camera: CameraInFile, part: SourceDocument, syntax: str, wanted: P
     if "fov" in values and "fx" not in values:
         values["fx"], at["fx"] = 0.5 * image.width / math.tan(0.5 * values["fov"]), at["fov"]
     if name == "nerfstudio":  # what it leaves out is in the middle, and square
-        left_out = {"fy": values.get("fx", 0.0), "cx": middle[0], "cy": middle[1]}
-        values, at = {**left_out, **values}, {**dict.fromkeys(left_out, at.get("fx", ())), **at}
-    K, K_at = _matrix(values, at, part)
-    K, size = _cut(K, size, part, name)
-    if row.get("corner"):
-        K = [K[0], K[1], K[2] - 0.5, K[3], K[4], K[5] - 0.5, *K[6:]]
-    D, D_at, model = _coefficients(values, at, part, model)
-    if D is None and (row.get("pinhole") or model == "none"):
-        D, model = [], None
-    return StatedLens(K, K_at, D, D_at, model, model_at, size, size_at, name)
+        for word, value in zip(_PINHOLE[1:], (values.get("fx", 0.0), *middle), strict=True):
+            values.setdefault(word, value)
+            at.setdefault(word, at.get("fx", ()))
 
 
-def _matrix(values: Mapping[str, Any], at: Mapping[str, KeyPath], part: SourceDocument) -> tuple[list[float], KeyPath]:
-    """The camera matrix, row by row, and where it is."""
+def _matrix(values: Mapping[str, Any], at: dict[str, KeyPath], part: SourceDocument) -> list[float]:
+    """The camera matrix, row by row."""
     numbers, path = values.get("matrix"), at.get("matrix", at.get("fx", ()))
-    stated = [word for word in _PINHOLE if word in values]
+    stated, at["K"] = [word for word in _PINHOLE if word in values], path
     if numbers is None and len(stated) < len(_PINHOLE):
         missing = next(word for word in _PINHOLE if word not in values) if len(stated) > 1 else "camera_matrix"
         held = at[stated[0]][:-1] if len(stated) > 1 else ()
         owner = f"`{part.name(held)}`" if held or part.within else "the file"
-        message = f"{owner} lacks the key `{missing}`{misspelt(missing, part.data)}"
         if missing in part.data:
             raise part.error("wrong-type", (missing,), f"found {describe(part.data[missing])}, expected 3 x 3 numbers")
+        message = f"{owner} lacks the key `{missing}`{misspelt(missing, part.data)}"
         raise bad_input("missing-key", message, part.value_place(held) if held else part.key_place(()))
     if numbers is None or len(numbers) == 4:
         fx, fy, cx, cy = numbers or [values[word] for word in _PINHOLE]
-        return [fx, values.get("skew", 0.0), cx, 0.0, fy, cy, 0.0, 0.0, 1.0], path
+        return [fx, values.get("skew", 0.0), cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
     if len(numbers) not in (9, 12, 16):
         expected = "focal lengths and principal point: fx, fy, cx, cy" if path[-1] == "intrinsics" else "9: 3 x 3"
         raise part.error("wrong-length", path, f"found {len(numbers)} numbers, expected {expected}")
@@ -404,63 +463,7 @@ def _matrix(values: Mapping[str, Any], at: Mapping[str, KeyPath], part: SourceDo
     if K.shape[1] == 4 and (K[:3, 3].any() or K[3:, :3].any()):
         message = "found a projection matrix, expected the camera matrix alone: 3 x 3"
         raise part.error("wrong-length", path, message)
-    return K[:3, :3].ravel().tolist(), path
-
-
-def _model(
-    values: Mapping[str, Any], at: Mapping[str, KeyPath], part: SourceDocument, name: str
-) -> tuple[str | None, KeyPath]:
-    """The distortion model as the file calls it, and where it does. Raises InputError for projections not read."""
-    kind, known, where = values.get("kind"), FACTS["distortions"], at.get("kind", ())
-    numbered = FACTS["numbered"].get(squashed(str(where[-1])) if where and name != "realsense" else name, ())
-    kind = numbered[kind] if type(kind) is int and 0 <= kind < len(numbered) else kind
-    short = "" if kind is None else shortened(str(kind))
-    is_strict = name in ("vins", "kalibr", "orbslam", "isaac", "nerfstudio") and short not in (
-        "",
-        *FACTS["plain"],
-        *known,
-    )
-    if name != "colmap" and (is_strict or short in FACTS["other"]):
-        title = "" if name == "camera_info" else f" of {FORMATS[name]['files'][0].partition(' | ')[0]}"
-        message = (f"this is a camera{title} with the projection `{kind}`, which is not read; expected `pinhole`, "
-                   "`fisheye` or `KANNALA_BRANDT`")  # fmt: skip
-        mend = "calibrate it again with a pinhole or a fisheye (equidistant) model"
-        raise part.error("unknown-distortion-model", where, message, mend)
-    if values.get("model"):
-        return values["model"], at["model"]
-    if where and where[-1] in ("fisheye", "fisheye_model", "is_fisheye") and len(values.get("D", ())) == 4:
-        return "fisheye" if short in ("1", "true", "yes", "on") else "radtan", where
-    is_told = short in FACTS["late"] or (short in known and short not in FACTS["plain"])
-    return (str(kind) if is_told else None), where
-
-
-def _unfold(
-    values: dict[str, Any], part: SourceDocument, at: Mapping[str, KeyPath], name: str,
-    size: PixelSize | None, wanted: PixelSize | None,
-) -> PixelSize | None:  # fmt: skip
-    """Give the parameters of COLMAP and of the Azure Kinect their names; returns the size of the image."""
-    models, model = FORMATS[name]["models"], str(values.get("kind")).upper()
-    if model not in models:
-        message = f"found `{values.get('kind')}`, expected one of {', '.join(f'`{known}`' for known in models)}"
-        mend = "estimate the camera again with one of these: `colmap feature_extractor --ImageReader.camera_model`"
-        place = at.get("kind", at["params"])
-        raise part.error("unknown-distortion-model", place, message, mend if name == "colmap" else None)
-    names = models[model].split()
-    if len(values["params"]) != len(names):
-        message = f"found {len(values['params'])} parameters, `{model}` has {len(names)}: {', '.join(names)}"
-        raise part.error("wrong-length", at["params"], message)
-    values |= zip(names, values["params"], strict=True)
-    if name == "colmap":
-        values |= {"fx": values["f"], "fy": values["f"]} if "f" in values else {}
-        return size
-    mode = FORMATS[name]["modes"].get(str(wanted))
-    if mode is None or size is None or size.width * mode[1] != size.height * mode[0]:
-        message = f"which image of this sensor is it? Expected `width` and `height` of a mode, found {wanted or 'none'}"
-        mend = f"say them, such as `width: 1280, height: 720`: one of {', '.join(FORMATS[name]['modes'])}"
-        raise part.error("missing-key", at["params"], message, mend)
-    for focal, centre, side, cut in zip(("fx", "fy"), ("cx", "cy"), mode[:2], mode[2:], strict=True):
-        values[focal], values[centre] = values[focal] * side, values[centre] * side - cut - 0.5
-    return wanted
+    return list(K[:3, :3].ravel().tolist())
 
 
 def _cut(
@@ -483,15 +486,17 @@ def _cut(
 
 
 def _coefficients(
-    values: Mapping[str, Any], at: Mapping[str, KeyPath], part: SourceDocument, model: str | None
-) -> tuple[list[float] | None, KeyPath, str | None]:
-    """The distortion coefficients in the order of their model, where they are, and the model."""
-    if "D" in values:
-        return values["D"], at["D"], model
-    stated = [word for word in COEFFICIENTS if word in values]
-    if not stated:
-        return None, (), model
-    ours, told, *_ = FACTS["distortions"].get(shortened(model or ""), ("", ""))
+    values: Mapping[str, Any], at: dict[str, KeyPath], part: SourceDocument, name: str, model: str | None
+) -> tuple[list[float] | None, str | None]:
+    """The distortion coefficients in the order of their model, and the model."""
+    stated, known = [word for word in COEFFICIENTS if word in values], FACTS["distortions"]
+    at.setdefault("D", at[stated[0]] if stated else ())
+    if "D" in values or not stated:
+        return values.get("D"), model
+    ours, told, *_ = known.get(shortened(model or ""), ("", ""))
+    if name == "nerfstudio" and ours not in ("equidistant", "rational_polynomial"):
+        # Whatever the model, it has these, and a k4 for the eighth power of the radius, which OpenCV's is not.
+        (ours, told, *_), model = known["opencv"], model or "OPENCV"
     if told:
         names = ["k2", "k3", "k4", "k5"] if "k5" in stated and "k1" not in stated else told.split()  # of camodocal
         missing = next((word for word in names[:4] if word not in values and word[0] == "k"), None)
@@ -499,10 +504,11 @@ def _coefficients(
             raise part.error("missing-key", ("projection_parameters",), f"lacks the parameter `{missing}` of `{model}`")
         more = next((word for word in stated if word not in names and values[word]), None)
         if more is None:
-            return [values.get(word, 0.0) for word in names], at[stated[0]], model
-        if ours == "equidistant":
-            raise part.error("wrong-length", at[more], f"found {values[more]:g}, but `{model}` has only {told}")
+            return [values.get(word, 0.0) for word in names], model
+        if ours == "equidistant" or name == "nerfstudio":
+            mend = "estimate it without: k4 is of the eighth power of the radius there" if ours == "plumb_bob" else None
+            raise part.error("wrong-length", at[more], f"found {values[more]:g}, but `{model}` has only {told}", mend)
     if "k4" in stated and "p1" not in stated and "k5" not in stated:
-        return [values.get(word, 0.0) for word in ("k1", "k2", "k3", "k4")], at[stated[0]], None
+        return [values.get(word, 0.0) for word in ("k1", "k2", "k3", "k4")], None
     D = [values.get(word, 0.0) for word in COEFFICIENTS]
-    return D if any(D[5:]) else D[:5], at[stated[0]], None
+    return D if any(D[5:]) else D[:5], None

@@ -284,7 +284,7 @@ def _plain(node: ast.expr, names: Mapping[str, ast.expr]) -> str:
     """A text, number or launch argument of Python, as launch files in XML have it; anything else in `$(...)`."""
     node = names.get(node.id, node) if isinstance(node, ast.Name) else node
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) and isinstance(node.operand, ast.Constant):
-        return f"-{node.operand.value}"
+        return f"-{node.operand.value!s}"
     if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("LaunchConfiguration") and node.args:
         return f"$(var {_plain(node.args[0], {})})"
     if isinstance(node, ast.Constant) and isinstance(node.value, str | int | float):
