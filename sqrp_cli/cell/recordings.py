@@ -17,7 +17,7 @@ from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.errors import Place, expected_names
 from sqrp_cli.files.entries import AnyQuantity, Entry, Extents, MappingOr, Name, Pose, Text, refused
 from sqrp_cli.files.source import SourceDocument, describe, dotted
-from sqrp_cli.files.units import LONGEST, TIME, Quantity, read_quantity
+from sqrp_cli.files.units import LONGEST, TIME, read_quantity
 from sqrp_cli.geometry import pose, read_only
 from sqrp_cli.logic.domain import Action, Compound, Domain, Holds, Parameter, Signature
 from sqrp_cli.records import dataclass
@@ -59,7 +59,8 @@ class RecordedJointEntry(Entry):
     scale: AnyQuantity | None = None
     """Angle or length that a 1 of the recording means, such as `1 deg` or `-1 deg`; default: the unit that the
     recording states, else 1 rad or 1 m."""
-    offset: AnyQuantity = Field(default=Quantity(0.0, None), description="Position of the joint where it says 0.")
+    offset: AnyQuantity | None = None
+    """Position of the joint where the recording says 0; default: 0."""
 
 
 class GripperEntry(Entry):

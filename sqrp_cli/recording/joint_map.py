@@ -57,7 +57,7 @@ class JointMap:
             columns[entry.joint] = names.index(name)
             usual = radians(1.0) if unit == "deg" else 1.0
             scales[entry.joint] = usual if entry.scale is None else entry.scale.value
-            offsets[entry.joint] = entry.offset.value
+            offsets[entry.joint] = 0.0 if entry.offset is None else entry.offset.value
         return JointMap(columns, scales, offsets)
 
     def positions(self, episode: Episode, joints: Sequence[str], resting: Mapping[str, float]) -> Array:
