@@ -28,7 +28,7 @@ ROOMS = {
     "files": ("files", 2_054),
     "robot": ("robot", 3_106),
     "camera": ("camera", 2_358),
-    "cell": ("cell", 3_576),
+    "cell": ("cell", 3_577),
     "logic": ("logic", 2_339),
     "skill, program, recording": ("skill program recording", 2_840),
     "task": ("task", 998),
