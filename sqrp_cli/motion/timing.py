@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
-from ruckig import InputParameter, Result, Ruckig
+from ruckig import InputParameter, Result, Ruckig, RuckigError
 from ruckig import Trajectory as RuckigTrajectory
 
 from sqrp_cli.geometry import Array, Indices
@@ -128,7 +128,11 @@ def rest_to_rest(limits: MotionLimits) -> PiecewiseCubic:
     request.max_acceleration = [acceleration * ramp / peak]
     request.max_jerk = [jerk * ramp**2 / peak]
     solution = RuckigTrajectory(1)
-    result = Ruckig(1).calculate(request, solution)
+    try:
+        result = Ruckig(1).calculate(request, solution)
+    except RuckigError:  # where all limits are reached at one instant only, rounding decides whether it finds a law
+        request.max_jerk = [(1.0 - 1e-12) * request.max_jerk[0]]
+        result = Ruckig(1).calculate(request, solution)
     if result != Result.Working:
         raise RuntimeError(f"ruckig finds no law for {request}: {result}")
     profile = solution.profiles[0][0]

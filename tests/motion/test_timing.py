@@ -85,6 +85,14 @@ def test_durations_worked_out_by_hand(distance, v, a, j, duration):
     assert float(rest_to_rest_duration(distance, limits)) == pytest.approx(duration)
 
 
+@pytest.mark.parametrize("rounded", [1.0, 1.0 + 1e-15, 1.0 - 1e-15])
+@pytest.mark.parametrize(("a", "j"), [(1.0, 10.0), (2.0, 20.0), (5.0, 40.0)])
+def test_a_law_is_found_where_every_limit_is_reached_at_one_instant_only(a, j, rounded):
+    distance = 2 * a**3 / j**2
+    limits = MotionLimits(*(np.array(x / distance) for x in (a * a / j, rounded * a, j)))
+    assert rest_to_rest(limits).breaks[-1] == pytest.approx(4 * a / j, rel=1e-9)
+
+
 @given(st.integers(0, 10_000))
 def test_a_joint_move_is_straight_keeps_every_limit_and_uses_one_fully(seed):
     rng = np.random.default_rng(seed)
