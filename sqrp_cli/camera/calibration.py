@@ -56,34 +56,30 @@ def read_calibration(
     camera, name = _chosen(document, wanted, asked)
     part = document.part(camera.at) if camera.at else document
     stated = formats.read_lens(camera, part, syntax, PixelSize.of(wanted.width, wanted.height))
-    width, height = _size(stated, part, wanted, asked)
-    K, rows = np.array(stated.K).reshape(3, 3), "[fx, 0, cx, 0, fy, cy, 0, 0, 1]"
+    size, K, why, mend = _size(stated, part, wanted, asked), np.array(stated.K).reshape(3, 3), "", None
     if K[0, 0] <= 0 or K[1, 1] <= 0:
-        message = f"found focal lengths {K[0, 0]:g} and {K[1, 1]:g}, expected positive ones: {rows}"
-        raise part.error("wrong-value", stated.at["K"], message)
-    if np.abs([K[1, 0], K[2, 0], K[2, 1], K[2, 2] - 1.0]).max() > 1e-6:
-        message = f"found a last row that is not 0, 0, 1, or a second one that does not begin with 0; expected {rows}"
-        raise part.error("wrong-value", stated.at["K"], message)
-    if abs(K[0, 1]) > 1e-6:
+        why = f"found focal lengths {K[0, 0]:g} and {K[1, 1]:g}, expected positive ones:"
+    elif np.abs([K[1, 0], K[2, 0], K[2, 1], K[2, 2] - 1.0]).max() > 1e-6:
+        why = "found a last row that is not 0, 0, 1, or a second one that does not begin with 0; expected"
+    elif abs(K[0, 1]) > 1e-6:
         # A pixel moves by the skew times its height in the plane z = 1.
-        moved = abs(K[0, 1]) * max(K[1, 2] + 0.5, height - 0.5 - K[1, 2]) / K[1, 1]
+        moved = abs(K[0, 1]) * max(K[1, 2] + 0.5, size.height - 0.5 - K[1, 2]) / K[1, 1]
         mend = f"set it to 0: pixels move by at most {moved:.2g}, in the rows that are farthest from the middle"
-        raise part.error("wrong-value", stated.at["K"], f"found the skew {K[0, 1]:g}, expected 0: {rows}", mend)
-    title = formats.FORMATS[stated.format_name]["files"][0].partition(" | ")[0]
+        why = f"found the skew {K[0, 1]:g}, expected 0:"
+    if why:
+        raise part.error("wrong-value", stated.at["K"], f"{why} [fx, 0, cx, 0, fy, cy, 0, 0, 1]", mend)
+
+    title = formats.title_of(stated.format_name)
     if stated.format_name == "camera_info":  # which is said in several syntaxes, by OpenCV and by programs, too
         matrix = part.at(camera.words.get("matrix", ("",)))
         of_opencv = syntax == "XML" or (isinstance(matrix, dict) and "dt" in matrix)
         of_ros = syntax == "INI" or (syntax == "YAML" and {"width", "height", "matrix"} <= camera.words.keys())
         title = f"{'OpenCV FileStorage' if of_opencv else title if of_ros else 'keys and values'} ({syntax})"
-    distortion_model, coefficients = _distortion(part, stated, K, PixelSize(width, height), told, asked)
+    model, D = _distortion(part, stated, K, size, told, asked)
     intrinsics = Intrinsics(
-        width=width,
-        height=height,
-        matrix=read_only(K),
-        distortion_model=distortion_model,
-        distortion=read_only(coefficients),
+        width=size.width, height=size.height, matrix=read_only(K), distortion_model=model, distortion=read_only(D),
         lens_file=title if name is None else f"{title}: {name}",
-    )
+    )  # fmt: skip
     check_image(part, stated.at["K"], intrinsics)
     return intrinsics, document, part
 
@@ -104,35 +100,31 @@ def _chosen(document: SourceDocument, wanted: CalibrationFile, asked: str) -> tu
             names[name or "main"] = one
     if wanted.camera is not None and wanted.camera not in names:
         held = f"the file has {', '.join(f'`{one}`' for one in names)}" if names else "the file has one camera, unnamed"
-        close = nearest(wanted.camera, names)
-        hint = f"; did you mean `{close}`?" if close else ""
+        hint = f"; did you mean `{close}`?" if (close := nearest(wanted.camera, names)) else ""
         mend = "leave `camera` out, or name the file of that camera" if len(names) < 2 else None
         message = f"`{asked}.camera`: found `{wanted.camera}`, but {held}{hint}"
         raise bad_input("unknown-camera", message, Place(document.path), mend=mend)
     if len(found) == 1 and not found[0].at and not found[0].mark:
         return found[0], None
-    fitting = [name for name in names if wanted.camera in (None, name)]
-    stated = {name: {word: document.at((*names[name].at, *path)) for word, path in names[name].words.items()}
-              for name in fitting}  # fmt: skip
+
+    stated = {name: {word: document.at((*one.at, *path)) for word, path in one.words.items()}
+              for name, one in names.items() if wanted.camera in (None, name)}  # fmt: skip
+    fitting, size = list(stated), [wanted.width, wanted.height]
     if wanted.width is not None:  # which chooses among the sections of a ZED
         sides = {name: one.get("size", [one.get("width"), one.get("height")]) for name, one in stated.items()}
-        fitting = [name for name in fitting if sides[name] == [wanted.width, wanted.height]] or fitting
-    if len(fitting) > 1 and all(stated[name] == stated[fitting[0]] for name in fitting):  # frames of a scene
-        return names[fitting[0]], None
-    if len(fitting) > 1:
-        mend = f"say which: `{asked}: {{file: {wanted.file}, camera: {fitting[0]}}}`"
-        message = f"the file has the cameras {', '.join(f'`{name}`' for name in fitting[:20])}"
-        raise bad_input("ambiguous-entry", message, Place(document.path), mend=mend)
-    return names[fitting[0]], fitting[0]
+        fitting = [name for name in fitting if sides[name] == size] or fitting
+    if all(stated[name] == stated[fitting[0]] for name in fitting):  # frames of a scene
+        return names[fitting[0]], fitting[0] if len(fitting) == 1 else None
+    mend = f"say which: `{asked}: {{file: {wanted.file}, camera: {fitting[0]}}}`"
+    message = f"the file has the cameras {', '.join(f'`{name}`' for name in fitting[:20])}"
+    raise bad_input("ambiguous-entry", message, Place(document.path), mend=mend)
 
 
 def _size(stated: formats.StatedLens, part: SourceDocument, wanted: CalibrationFile, asked: str) -> PixelSize:
     """That of the image, from the file or the workspace, which must not contradict each other."""
-    told = PixelSize.of(wanted.width, wanted.height)
-    at = stated.at["size"]
+    told, at = PixelSize.of(wanted.width, wanted.height), stated.at["size"]
     if stated.size is None and at and told is None:
-        key = str(at[-1])
-        missing = "image_height" if formats.squashed(key).endswith(("width", "w", "cols")) else "image_width"
+        missing = "image_height" if formats.squashed(str(at[-1])).endswith(("width", "w", "cols")) else "image_width"
         message = f"the file lacks the key `{missing}`{misspelt(missing, part.data)}"
         raise bad_input("missing-key", message, part.key_place(at))
     size = stated.size or told
@@ -169,9 +161,8 @@ def doubtful_projection(intrinsics: Intrinsics, document: SourceDocument) -> Ite
     key = next((key for key in ("projection_matrix", "P", "p") if key in document.data), "")
     entry = document.data.get(key)
     numbers = formats.flat(entry.get("data") if isinstance(entry, dict) else entry)
-    if not isinstance(numbers, list) or len(numbers) != 12 or not all(isinstance(n, int | float) for n in numbers):
-        return
-    if not any(numbers):  # as drivers write an unknown one
+    is_matrix = isinstance(numbers, list) and len(numbers) == 12 and all(isinstance(n, int | float) for n in numbers)
+    if not is_matrix or not any(numbers):  # drivers write an unknown one as zeros
         return
     P = np.array(numbers, dtype=float).reshape(3, 4)
     size = np.array([intrinsics.width, intrinsics.height])
@@ -182,10 +173,8 @@ def doubtful_projection(intrinsics: Intrinsics, document: SourceDocument) -> Ite
     elif not ((focal / known < MOST_SCALED) & (known / focal < MOST_SCALED)).all():
         why = f"{lengths}, `camera_matrix` has {known[0]:g} and {known[1]:g}"
     elif (np.abs(P[:2, 2] - K[:2, 2]) > MOST_MOVED * size).any():
-        why = (
-            f"found the principal point ({P[0, 2]:g}, {P[1, 2]:g}), `camera_matrix` has ({K[0, 2]:g}, {K[1, 2]:g}) "
-            f"in an image of {size[0]} x {size[1]} pixels"
-        )
+        has = f"`camera_matrix` has ({K[0, 2]:g}, {K[1, 2]:g}) in an image of {size[0]} x {size[1]} pixels"
+        why = f"found the principal point ({P[0, 2]:g}, {P[1, 2]:g}), {has}"
     if why:
         message = f"{why}; expected that of the rectified image of this camera. It is not used, `camera_matrix` is"
         mend = "is the file put together from two cameras?"
@@ -208,13 +197,12 @@ def _distortion(
         message = f"the coefficients are {', '.join(f'{number:g}' for number in D)}, but `{key}` is `{told}`"
         raise document.error("wrong-value", stated.at["D"], message, f"leave `{key}` out")
     if formats.shortened(model) in formats.FACTS["late"] and told is None:
-        moved = _moved_by_order(D, K, size)
-        if moved > 1e-9:
+        if (moved := _moved_by_order(D, K, size)) > 1e-9:
             message = f"`{model}` of librealsense with p1 and p2 is no known distortion model of ROS or OpenCV"
-            mend = (
+            how = (
                 f"say `{key}: plumb_bob` beside `calibration`, as its ROS driver has it: that is {moved:.2g} pixels off"
             )
-            raise document.error("unknown-distortion-model", at, message, mend)
+            raise document.error("unknown-distortion-model", at, message, how)
         told = "plumb_bob" if any(D) else "none"
     model, at = (told, stated.at["D"]) if told is not None else (model, at)
     short, count = formats.shortened(model), len(D)
@@ -232,16 +220,15 @@ def _distortion(
         return ours, [*D[:count], *[0.0] * (DISTORTION_LENGTHS[ours] - count)][: DISTORTION_LENGTHS[ours]]
     if count in _OPENCV_MODELS or not any(D):
         return _OPENCV_MODELS.get(count, "none"), D[:count] if count in _OPENCV_MODELS else []
+    message, how = f"found {len(D)} distortion coefficients, expected 4, 5 or 8", ""
     if count == 4:
         message = "with 4 distortion coefficients the file must say `distortion_model`"
         how = ("add `distortion_model: radtan` (k1, k2, p1, p2) or `distortion_model: fisheye` (k1, k2, k3, k4), "
                f"or say `{key}: plumb_bob` or `{key}: equidistant` beside `calibration`")  # fmt: skip
-        raise document.error("missing-key", stated.at["D"], message, how)
-    message, mend = f"found {len(D)} distortion coefficients, expected 4, 5 or 8", ""
-    if count > 8:
+    elif count > 8:
         message += f", with zeros after them; number {count} is {D[count - 1]:g}"
-        mend = "calibrate without OpenCV's flags `CALIB_THIN_PRISM_MODEL` and `CALIB_TILTED_MODEL`"
-    raise document.error("wrong-length", stated.at["D"], message, mend or None)
+        how = "calibrate without OpenCV's flags `CALIB_THIN_PRISM_MODEL` and `CALIB_TILTED_MODEL`"
+    raise document.error("missing-key" if count == 4 else "wrong-length", stated.at["D"], message, how or None)
 
 
 def _moved_by_order(D: Sequence[float], K: Array, size: PixelSize) -> float:

@@ -317,6 +317,11 @@ def cameras_in(data: object) -> list[CameraInFile]:
     return found or doubtful
 
 
+def title_of(name: str) -> str:
+    """What a format is called: the first of its files."""
+    return str(FORMATS[name]["files"][0].partition(" | ")[0])
+
+
 MOST_NESTED = 4  # levels of a file in which cameras are looked for
 
 
@@ -376,7 +381,7 @@ def _model(values: Mapping[str, Any], at: dict[str, KeyPath], part: SourceDocume
     kind = numbered[kind] if type(kind) is int and 0 <= kind < len(numbered) else kind
     short = "" if kind is None else shortened(str(kind))
     is_known = short in ("", *FACTS["plain"], *FACTS["distortions"])
-    title = "" if name == "camera_info" else f" of {row['files'][0].partition(' | ')[0]}"
+    title = "" if name == "camera_info" else f" of {title_of(name)}"
     if "models" in row and "params" in values and str(kind).upper() not in row["models"]:
         message = f"found `{kind}`, expected one of {', '.join(f'`{one}`' for one in row['models'])}"
         raise part.error("unknown-distortion-model", where or at["params"], message, row.get("mend"))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from math import radians, tan
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BeforeValidator, Field
 from pydantic_core import PydanticCustomError
@@ -172,8 +172,8 @@ class ImageEntry(FileRecord):
         """The intrinsics; pixels are square unless `fy` is given. The number of coefficients is not checked."""
         fx = self.fx if self.fx is not None else 0.5 * self.width / tan(0.5 * (self.horizontal_fov or 0.0))
         fy = self.fy if self.fy is not None else fx
-        cx = self.cx if self.cx is not None else 0.5 * (self.width - 1)
-        cy = self.cy if self.cy is not None else 0.5 * (self.height - 1)
+        stated, middle = (self.cx, self.cy), (0.5 * (self.width - 1), 0.5 * (self.height - 1))
+        cx, cy = (usual if own is None else own for own, usual in zip(stated, middle, strict=True))
         lens = self.distortion or DistortionEntry(model="none", coefficients=[])
         return Intrinsics(
             width=self.width,
@@ -187,10 +187,10 @@ class ImageEntry(FileRecord):
 def image_of(camera: Intrinsics) -> ImageEntry:
     """The entry that gives these intrinsics."""
     (fx, _, cx), (_, fy, cy), _ = camera.matrix.tolist()
-    size, lens = {"width": camera.width, "height": camera.height}, None
+    lens = None
     if camera.distortion_model != "none":
         lens = DistortionEntry(model=camera.distortion_model, coefficients=camera.distortion.tolist())
-    return ImageEntry(**size, fx=fx, fy=fy, cx=cx, cy=cy, distortion=lens)
+    return ImageEntry(width=camera.width, height=camera.height, fx=fx, fy=fy, cx=cx, cy=cy, distortion=lens)
 
 
 def check_image(document: SourceDocument, path: KeyPath, image: Intrinsics) -> None:
@@ -265,6 +265,12 @@ class PoseFile(FileRecord):
             raise PydanticCustomError("conflicting-keys", "`camera` goes with `file`, `link` with `urdf`")
 
 
+def _named(kind: type[PoseFile] | type[CalibrationFile]) -> SerializedAs:
+    """How a file states a record of a file: as a mapping, or by the file's name alone."""
+    form: Any = MappingOr[kind, Text] | None  # type: ignore[misc, valid-type]
+    return SerializedAs(form, lambda stated: kind(file=stated) if isinstance(stated, str) else stated)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CameraEntry(Sensing):
     """A camera: where it is and how it makes an image, stated, or by files that others wrote."""
@@ -274,13 +280,7 @@ class CameraEntry(Sensing):
     URDF calls `world`. With `hand_eye`: instead of the link that the file names."""
     pose: CameraPose | None = None
     """Pose of the optical frame (z forward, x right, y down) in `frame`."""
-    hand_eye: Annotated[
-        PoseFile | None,
-        SerializedAs(
-            MappingOr[PoseFile, Text] | None,
-            lambda stated: PoseFile(file=stated) if isinstance(stated, str) else stated,
-        ),
-    ] = None
+    hand_eye: Annotated[PoseFile | None, _named(PoseFile)] = None
     """A file with the pose, instead of `pose`: of easy_handeye, TF messages, a launch file with a
     static_transform_publisher, a recording with /tf_static, a URDF, COLMAP's images.txt, nerfstudio's transforms.json,
     or a matrix; as a mapping where it has several, or does not say what its numbers are."""
@@ -289,13 +289,7 @@ class CameraEntry(Sensing):
     x right, y up."""
     image: ImageEntry | None = None
     """Size and field of view or focal lengths of the image."""
-    calibration: Annotated[
-        CalibrationFile | None,
-        SerializedAs(
-            MappingOr[CalibrationFile, Text] | None,
-            lambda stated: CalibrationFile(file=stated) if isinstance(stated, str) else stated,
-        ),
-    ] = None
+    calibration: Annotated[CalibrationFile | None, _named(CalibrationFile)] = None
     """A calibration file, instead of `image`, such as of ROS, OpenCV or Kalibr; as `{file, camera, width,
     height}` where it has several cameras or no image size."""
     distortion: DistortionModel | None = None

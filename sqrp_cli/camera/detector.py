@@ -143,6 +143,7 @@ def installed_detectors() -> Mapping[str, EntryPoint]:
     return {name: one for name, _, one in sorted(found, key=lambda kind: kind[:2], reverse=True)}
 
 
+ANYWHERE = (0.0, LARGEST_LENGTH)  # the distance of a detector without limits of it
 LEAST_VISIBLE = 0.001  # a box of which less than this share is visible is never seen
 BESIDE = 0.95
 """Share of a marker's box from which on images usually show it, though a part of the robot covers some of its edge."""
@@ -192,11 +193,11 @@ class DetectorEntry(FileRecord):
         for name in ("distance", "perimeter_rate"):
             if (ends := getattr(self, name)) is not None and ends[0] >= ends[1]:
                 raise PydanticCustomError("empty-range", f"`{name}` must go from a lesser to a greater value")
-        if self.perimeter_rate is not None and self.kind != "aruco":
+        if self.kind == "aruco":
+            return
+        if self.perimeter_rate is not None:
             raise refused("conflicting-keys", "`perimeter_rate` is of markers: it goes with `kind: aruco`")
-        missing = [name for name in ("distance", "min_pixels") if getattr(self, name) is None]
-        if missing and self.kind != "aruco":
-            names = " and ".join(f"`{name}`" for name in missing)
+        if names := " and ".join(f"`{name}`" for name in ("distance", "min_pixels") if getattr(self, name) is None):
             raise refused("missing-key", f"a detector of kind `{self.kind}` needs {names}; only markers give their own")
 
 
@@ -246,14 +247,13 @@ class Detector(DetectorEntry):
         One of colours judges what the image's edge leaves of a part as it does what others leave. Of other detectors,
         and of those with a curve or limits of outlines, no more is known than what is stated.
         """
-        if self.curve is not None or self.perimeter_rate is not None:
+        is_stated = self.curve is not None or self.perimeter_rate is not None
+        if is_stated or not (self.dictionaries or self.kind == "color"):
             return self
         if self.kind == "color":
             return replace(self, min_visible=self.judging.min_visible, is_usual=True)
-        if not self.dictionaries:
-            return self
         visible = min(self.min_visible, BESIDE)
-        return replace(self, distance=(0.0, LARGEST_LENGTH), max_incidence=STEEPEST, min_visible=visible, is_usual=True)
+        return replace(self, distance=ANYWHERE, max_incidence=STEEPEST, min_visible=visible, is_usual=True)
 
     def smallest(self, camera: Intrinsics, incidence: Array) -> Array:
         """The least size of boxes in the image that are seen at angles [rad], the same shape [pixels]."""
@@ -268,7 +268,7 @@ class Detector(DetectorEntry):
         terms = {} if self.curve is None else self.curve.terms
         return replace(
             self,
-            distance=(0.0, LARGEST_LENGTH) if "distance" in terms else self.distance,
+            distance=ANYWHERE if "distance" in terms else self.distance,
             max_incidence=pi if "incidence" in terms else self.max_incidence,
             min_pixels=0.0 if "pixels" in terms else self.min_pixels,
             min_visible=LEAST_VISIBLE if "visible" in terms else self.min_visible,
@@ -282,13 +282,9 @@ class Detector(DetectorEntry):
         """
         if self.kind != "color":
             return self
+        visible = float(np.clip(self.min_visible, LEAST_SHARE, MOST_SHARE))
         return replace(
-            self,
-            distance=(0.0, LARGEST_LENGTH),
-            max_incidence=pi,
-            min_pixels=LEAST_PIXELS,
-            min_visible=float(np.clip(self.min_visible, LEAST_SHARE, MOST_SHARE)),
-            curve=None,
+            self, distance=ANYWHERE, max_incidence=pi, min_pixels=LEAST_PIXELS, min_visible=visible, curve=None
         )
 
 

@@ -154,38 +154,28 @@ def _numbers(value: object) -> list[float] | None:
 
 def _X_of(one: PoseNumbers, place: Place, asked: str, entry: CameraEntry | None) -> Array:
     """X_FC of a pose, by what the file says of its numbers, and what the workspace does."""
-    kinds = [f"`{name}`" for name, count in _ROTATIONS.items() if count == len(one.turn)]
     means = {key: getattr(one, key) for key in ("pose_of", "unit", "rotation")}
     for key, own in means.items():
         told = getattr(entry.hand_eye, key, None) if entry is not None else None
         if None not in (own, told) and own != told:
-            by = "by the format of the file, or the name of its key, it is"
-            raise bad_input(
-                "wrong-value", f"`{asked}.{key}` is `{told}`, but {by} `{own}`", place, mend=f"leave `{key}` out"
+            message = (
+                f"`{asked}.{key}` is `{told}`, but by the format of the file, or the name of its key, it is `{own}`"
             )
+            raise bad_input("wrong-value", message, place, mend=f"leave `{key}` out")
         means[key] = told if own is None else own
 
-    in_degrees = ", in radians, or with ` deg` behind it" if len(one.turn) == 3 else ""
-    wanted = {
-        "pose_of": "`pose_of: camera` if it takes points of the camera to the frame that carries it, else `frame`",
-        "unit": "`unit: m`, `mm` or the length of one unit" if any(one.shift) else "",
-        "rotation": f"`rotation` as one of {', '.join(kinds)}{in_degrees}" if kinds else "",
-    }
-    beside = {
-        "frame": "`frame: world` or the link that carries the camera",
-        "convention": "`convention: optical` (z forward, y down), `body` (x forward, z up) or `opengl` "
-        "(z backward, y up)"
-        if one.axes is None
-        else "",
-    }
-    lacks = {
-        f"in `{asked}`": [words for key, words in wanted.items() if words and means[key] is None],
-        "beside `hand_eye`": [words for key, words in beside.items() if words and getattr(entry, key, None) is None],
-    }
-    if any(lacks.values()):
+    kinds = ", ".join(f"`{name}`" for name, count in _ROTATIONS.items() if count == len(one.turn))
+    degrees = ", in radians, or with ` deg` behind it" if len(one.turn) == 3 else ""
+    asks = {**FACTS["asked"], "rotation": f"{FACTS['asked']['rotation']} {kinds}{degrees}"}
+    no_need = {"unit": not any(one.shift), "rotation": not kinds, "convention": one.axes is not None}
+    stated = {**means, "frame": getattr(entry, "frame", None), "convention": getattr(entry, "convention", None)}
+    lacks = [key for key in asks if stated[key] is None and not no_need.get(key)]
+    if lacks:
+        where = {f"in `{asked}`": means.keys(), "beside `hand_eye`": stated.keys() - means}
+        said = {at: " and ".join(asks[key] for key in lacks if key in keys) for at, keys in where.items()}
         message = f"the file does not say what the {len(one.turn) + len(one.shift)} numbers of `{one.name}` mean"
-        say = "; ".join(f"{where} {' and '.join(words)}" for where, words in lacks.items() if words)
-        raise bad_input("missing-key", message, place, mend=f"say {say}")
+        mend = f"say {'; '.join(f'{at} {words}' for at, words in said.items() if words)}"
+        raise bad_input("missing-key", message, place, mend=mend)
     R, unit = _rotation(np.array(one.turn, dtype=float), means["rotation"] or "", place), means["unit"] or 1.0
     X = pose(R, np.array(one.shift) * unit)
     return read_only(inverse(X) if means["pose_of"] == "frame" else X)
