@@ -63,8 +63,10 @@ def guess_joints(
             mend = "keep the columns of one arm in the file, or write `recordings` with `joints` yourself"
             raise bad_input("ambiguous-name", message, Place(recording.path), mend=mend)
     pairs = {joint: names[0] for joint, names in found.items()}
-    if not pairs and len(recording.names) == len(limits):
-        pairs = dict(zip(limits, recording.names, strict=True))  # in their order
+    counted = [int(one[0]) for name in recording.names if (one := re.findall(r"\d+", name))]
+    rising = counted == [*range(counted[0], counted[0] + len(recording.names))] if counted else False
+    if not pairs and len(recording.names) in (len(limits), len({*limits} - {jaw}) if rising else 0):
+        pairs = dict(zip(limits, recording.names, strict=False))  # in their order, numbered ones without the gripper, too
     if not pairs:
         message = f"none of its names is a joint of the robot: {first_names(recording.names)}"
         known = f"joints are {first_names([*limits])}"
