@@ -66,7 +66,9 @@ def guess_joints(
     counted = [int(one[0]) for name in recording.names if (one := re.findall(r"\d+", name))]
     rising = counted == [*range(counted[0], counted[0] + len(recording.names))] if counted else False
     if not pairs and len(recording.names) in (len(limits), len({*limits} - {jaw}) if rising else 0):
-        pairs = dict(zip(limits, recording.names, strict=False))  # in their order, numbered ones without the gripper, too
+        pairs = dict(
+            zip(limits, recording.names, strict=False)
+        )  # in their order, numbered ones without the gripper, too
     if not pairs:
         message = f"none of its names is a joint of the robot: {first_names(recording.names)}"
         known = f"joints are {first_names([*limits])}"
