@@ -48,7 +48,9 @@ def _instant(value: object) -> float | str:
 
 
 Instant = Annotated[
-    float | str, PlainValidator(_instant), WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}]})
+    float | str,
+    PlainValidator(_instant),
+    WithJsonSchema({"anyOf": [{"type": "number", "minimum": 0, "maximum": LONGEST}, {"type": "string"}]}),
 ]
 
 

@@ -293,7 +293,8 @@ def prepare_retry(lockstep: Lockstep, replanner: Replanner, attempt: Attempt, al
         X_WO[name][:3, 3] = np.median(place, axis=0)
     known = {Atom.of(atom): value for atom, value in collector.values.items()}
     seen, refuted = ({atom for atom, value in known.items() if value == one} for one in (Truth.TRUE, Truth.FALSE))
-    measured = lockstep.cell.measured_joints()
+    # Fingers may still be on their way to where they were told to be.
+    measured = {**lockstep.cell.measured_joints(), **(lockstep.fingers.open if lockstep.fingers is not None else {})}
     joints = {name: measured.get(name, value) for name, value in before.joints.items()}
     world = replace(before, facts=(before.facts | seen) - refuted, X_WO=X_WO, joints=joints)
     if (planned := replanner(attempt.step, world)) is None:

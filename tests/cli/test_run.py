@@ -283,3 +283,19 @@ def test_a_camera_on_the_arm_sees_what_it_was_predicted_to_see(from_the_hand):
     right, wrong = sum(found["tp"] for found in counts), sum(found["fp"] for found in counts)
     assert right > 20
     assert right >= 0.97 * (right + wrong), from_the_hand.document["disagreements"]
+
+
+@pytest.mark.trial
+@pytest.mark.parametrize("offset", [0.3, 0.7])
+def test_a_jaw_that_turns_drops_what_slips_and_picks_it_up_again(tmp_path, sqrp, offset):
+    """At 0.3 s the part falls 12 mm and still stands between the jaws, at 0.7 s it falls clear of them."""
+    cell, program = tmp_path / "cell", tmp_path / "pick.yaml"
+    for command in (
+        ["init", cell, "--robot", "so101", "--no-run"],
+        ["rank", cell, "pickup green", "--program", program],
+    ):
+        assert sqrp(*command).code == 0
+    ran = sqrp("run", program, "--sim", "--fault", f"slip@lift+{offset}", "--json")
+    (fault,), (step,) = ran.document["faults"], ran.document["steps"]
+    assert (ran.code, ran.document["outcome"], step["attempts"]) == (0, "done", 2)
+    assert fault["happened"] <= fault["detected"] < fault["recovered"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -32,14 +33,17 @@ class Trial:
     period, places = PERIOD, {}
 
     def __init__(self, seen, predicted: dict[str, dict[str, list[tuple[float, float]]]]) -> None:
-        limits = MotionLimits(np.array([0.2]), np.array([1.0]), np.array([10.0]))
-        move = joint_move(np.zeros(1), np.array([1.8]), limits)
-        entry = step([], predicted, move.duration).model_copy(update={"primitives": (played(move),)})
-        limits = [JointLimits(-9.0, 9.0, 0.2, 1.0, 10.0)]
-        self.motion = ArmMotion(("a",), limits, limits, np.zeros(1))
+        move = joint_move(
+            np.zeros(2), np.array([1.8, 0.0]), MotionLimits(*np.repeat([[0.2], [1.0], [10.0]], 2, axis=1))
+        )
+        entry, stand = step([], predicted, move.duration), {"a": 0.0, "finger": 0.0}
+        world = replace(entry.before, joints=stand)
+        entry = entry.model_copy(update={"primitives": (played(move),), "before": world})
+        limits = [JointLimits(-9.0, 9.0, 0.2, 1.0, 10.0)] * 2
+        self.motion = ArmMotion(tuple(stand), limits, limits, np.zeros(2))
         self.motion.play(entry.primitives, 0.0)
         self.motion.place = lambda joints: self.done.append(("place", *joints))
-        self.fingers = SimpleNamespace(open={"a": 0.04, "not of this arm": 0.04})
+        self.fingers = SimpleNamespace(open={"finger": 0.04, "not of this arm": 0.04})
         self.attempt = Attempt(FixedNominalStep(entry, {}), PERIOD, undisturbed=True, start=0.0)
         self.seen, self.done, self.now, self.is_open, self.since = seen, [], 0.0, False, 0.0
         self.planned, self.slowest = SimpleNamespace(), 0.0
@@ -74,12 +78,12 @@ class Trial:
         assert self.is_open is not holding
 
     def measured_joints(self) -> dict[str, float]:
-        return {"a": float(self.motion.state(self.now)[0][0])}
+        return {"a": float(self.motion.state(self.now)[0][0]), "finger": 0.01}  # on its way
 
     def run(self, t: float = 2.0) -> None:
         """A fault is seen at a time of the motion."""
         self.now = t
-        replan = lambda _entry, world: self.done.append(("replan", world.joints["a"])) or self.planned  # noqa: E731
+        replan = lambda _entry, world: self.done.append(("replan", *world.joints.values())) or self.planned  # noqa: E731
         assert prepare_retry(self, replan, self.attempt, ALARM) is self.planned
 
     def when(self, what: str) -> float:
@@ -119,10 +123,10 @@ def test_it_moves_on_to_where_all_of_the_condition_is_predicted_to_be_seen() -> 
     trial.run()
     stands = trial.motion.step_time(99.0)
     assert 6.0 + PERIOD <= stands <= 6.0 + PERIOD + 0.1
-    assert trial.when("replan") == pytest.approx(trial.motion.state(99.0)[0][0])
+    assert trial.done[-1] == ("replan", pytest.approx(trial.motion.state(99.0)[0][0]), 0.04)  # with open fingers
     ((cancelled, *_), (_, kind, _, told)), moved_on = trial.done[:2], trial.done[3][1]["moved_on"]
     assert (cancelled, kind, told["cameras"]) == ("cancel", "moving on", ["cam", "eye"])
-    assert trial.done[2] == ("place", "a")  # no command to the tool is given on the way, and the fingers stay
+    assert trial.done[2] == ("place", "finger")  # no command to the tool is given on the way, and the fingers stay
     assert moved_on == pytest.approx(trial.when("stop") - 2.0, abs=1e-3)
 
 
