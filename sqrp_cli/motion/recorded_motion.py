@@ -21,7 +21,7 @@ from sqrp_cli.geometry import Array, inverse, pose, read_only, rpy_to_matrix, tr
 from sqrp_cli.motion.collision import CollisionScene
 from sqrp_cli.motion.plan_motion import MEASURED, Motion, TimedPrimitive
 from sqrp_cli.recording.episode import Episode, Recording
-from sqrp_cli.recording.joint_map import JointMap, grasps_of
+from sqrp_cli.recording.joint_map import grasps_of, joint_positions
 from sqrp_cli.recording.phases import Grasp, phases
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel
@@ -45,12 +45,13 @@ def opened(file: Path, signal: str | None = None, rate: float | None = None, _ch
 
 
 @dataclass(frozen=True, eq=False)
-class _Held:
-    """A grasp with the object that it takes, if that is known, and its pose in the tool frame, shape (4, 4)."""
+class _Taken:
+    """A grasp, and of the object that it takes, if that is known, poses in the tool frame and afterwards, (4, 4)."""
 
     grasp: Grasp
     name: str | None = None
     X_TO: Array | None = None
+    X_WO: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,72 +84,66 @@ class RecordedMotions:
     def motion(self, choice: SkillChoice, world: World, model: RobotModel) -> Motion | Infeasible:
         """The motion of an episode; world: has the objects and joints that it does not tell. Raises InputError."""
         recording, episode = self.recording, self._episode(choice)
-        mapped = JointMap.of(self.task, recording, model.joints)
-        q, t = mapped.positions(episode, model.joints, world.joints), episode.times
-        grasps = grasps_of(self.task, recording, mapped, episode, self.fingers)
+        t, objects = episode.times, self.task.objects
+        moved = joint_positions(self.task, recording, model.joints, episode)
+        rests = (np.full(len(t), world.joints.get(name, 0.0)) for name in model.joints)
+        q = np.column_stack([moved.get(name, rest) for name, rest in zip(model.joints, rests, strict=True)])
 
         def positions(at: float) -> Array:
             return np.array([np.interp(at, t, column) for column in q.T])
 
-        # Where objects begin: as stated, else upright at the tool when it first takes them.
-        X_WO = dict(world.X_WO)
-        stated = {name: one.pose.matrix() for name, one in self.task.objects.items() if one.pose is not None}
-        X_WO |= {name: read_only(X) for name, X in stated.items()}
-        before, initial, taken, missed = dict(X_WO), dict(X_WO), list[_Held](), list[str]()
-        for grasp in grasps:
-            name = self.task.held_in(len(taken), grasp.start)
-            X_WT = model.tool_pose(positions(grasp.start))
-            if name is None:
-                taken.append(_Held(grasp))
+        # What each grasp takes. An object begins as stated, else upright at the tool when that first takes it.
+        stated = {name: read_only(one.pose.matrix()) for name, one in objects.items() if one.pose is not None}
+        initial = {**world.X_WO, **stated}
+        now, taken, missed = dict(initial), list[_Taken](), list[str]()
+        for grasp in grasps_of(self.task, recording, moved, episode, self.fingers):
+            if (name := self.task.held_in(len(taken), grasp.start)) is None:
+                taken.append(_Taken(grasp))
                 continue
-            if name not in before:
+            X_WT, size = model.tool_pose(positions(grasp.start)), self.objects[name].size
+            if name not in now:
                 yaw = float(np.arctan2(X_WT[1, 0], X_WT[0, 0]))
-                ahead = 0.0 if model.fingers.joints else 0.5 * self.objects[name].size[2]  # of what sticks to its tip
+                ahead = 0.0 if model.fingers.joints else 0.5 * size[2]  # of what sticks to its tip
                 upright = pose(rpy_to_matrix((0.0, 0.0, yaw)), X_WT[:3, 3] + ahead * X_WT[:3, 2])
-                before[name] = initial[name] = read_only(upright)
-            away = np.abs(transform(inverse(before[name]), X_WT[:3, 3])) - 0.5 * np.array(self.objects[name].size)
+                now[name] = initial[name] = read_only(upright)
+            away = np.abs(transform(inverse(now[name]), X_WT[:3, 3])) - 0.5 * np.array(size)
             if (far := float(np.linalg.norm(np.maximum(away, 0.0)))) > REACH:
                 missed.append(f"at {grasp.start:.1f} s the gripper closes {far:.2f} m away from `{name}`")
                 continue
-            taken.append(_Held(grasp, name, read_only(inverse(X_WT) @ before[name])))
-            if grasp.end is not None and (X_TO := taken[-1].X_TO) is not None:
-                before[name] = read_only(model.tool_pose(positions(grasp.end)) @ X_TO)
-        if self.task.objects and missed and not any(one.name for one in taken):
+            in_tool, end = read_only(inverse(X_WT) @ now[name]), float(t[-1]) if grasp.end is None else grasp.end
+            now[name] = read_only(model.tool_pose(positions(end)) @ in_tool)
+            taken.append(_Taken(grasp, name, in_tool, now[name]))
+        if missed and not any(one.name for one in taken):
             return Infeasible(tuple(missed))
-        if missing := [name for name in self.task.objects if name not in initial]:
+        if missing := [name for name in objects if name not in initial]:
             return Infeasible((f"nothing is grasped in it, so it is not known where `{missing[0]}` is",))
 
-        rest, primitives = dict(initial), list[TimedPrimitive]()
-        held, X_TO = None, None
-        for phase in phases([one.grasp for one in taken], float(t[-1])):
-            own = taken[phase.grasp] if taken else None
-            carries = own is not None and phase.name.startswith("carry")
-            held, X_TO = (own.name, own.X_TO) if own is not None and carries else (None, None)
-            if own is not None and own.name and own.X_TO is not None and phase.name.startswith("release"):
-                rest = {**rest, own.name: read_only(model.tool_pose(positions(phase.start)) @ own.X_TO)}
-            inside = (t > phase.start + 1e-9) & (t < phase.end - 1e-9)
-            times = np.concatenate([[phase.start], t[inside], [phase.end]])
-            knots = np.concatenate([positions(phase.start)[None], q[inside], positions(phase.end)[None]])
+        # Its phases: while an object is carried it moves with the tool, afterwards it is where that let it go.
+        primitives, held, X_TO = list[TimedPrimitive](), None, None
+        for phase, start, end, number in phases([one.grasp for one in taken], float(t[-1])):
+            own = taken[number] if taken and phase.startswith("carry") else None
+            held, X_TO = (own.name, own.X_TO) if own else (None, None)
+            over = taken[: number + phase.startswith(("release", "retreat"))]
+            rest = {**initial, **{one.name: one.X_WO for one in over if one.name and one.X_WO is not None}}
+            inside = (t > start + 1e-9) & (t < end - 1e-9)
+            times = np.concatenate([[start], t[inside], [end]])
+            knots = np.concatenate([positions(start)[None], q[inside], positions(end)[None]])
             primitives.append(
                 TimedPrimitive(
-                    name=phase.name,
-                    start=phase.start,
-                    end=phase.end,
-                    trajectory=_through(times - phase.start, knots),
+                    name=phase,
+                    start=start,
+                    end=end,
+                    trajectory=_through(times - start, knots),
                     held=held,
                     X_TO=X_TO,
                     X_WO={name: X for name, X in rest.items() if name != held},
                 )
             )
-        joints = {**world.joints, **dict(zip(model.joints, q[-1].tolist(), strict=True))}
-        after = dict(rest)
-        if held is not None and X_TO is not None:
-            after[held] = read_only(model.tool_pose(q[-1]) @ X_TO)
-        begin = {**world.joints, **dict(zip(model.joints, q[0].tolist(), strict=True))}
+        begin, after = ({**world.joints, **dict(zip(model.joints, one.tolist(), strict=True))} for one in (q[0], q[-1]))
         return Motion(
             joint_names=model.joints,
             primitives=tuple(primitives),
-            final=replace(world, X_WO=after, held=held, X_TO=X_TO, joints=joints),
+            final=replace(world, X_WO=now, held=held, X_TO=X_TO, joints=after),
             initial=replace(world, X_WO=initial, held=None, X_TO=None, joints=begin),
             doubts=episode.told,
         )

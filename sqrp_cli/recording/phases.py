@@ -7,10 +7,13 @@ stays closed for a while, and not as far as with nothing between the jaws.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import zip_longest
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
 
+from sqrp_cli.cell.recordings import GRASP_PHASES
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.records import dataclass
 
@@ -40,8 +43,7 @@ class Grasp:
     """When it is open again, or shut; the end where it never is."""
 
 
-@dataclass(frozen=True)
-class Phase:
+class Phase(NamedTuple):
     """A part of an episode: approach, grasp, carry, release or retreat, of the n-th grasp, from 0."""
 
     name: str
@@ -69,11 +71,9 @@ def find_grasps(times: Array, closed: Array, limit: float, empty: float) -> list
     edges = np.flatnonzero(np.diff(is_closed.astype(np.int8))) + 1
     if is_closed[0]:
         edges = edges[1:]  # closed from the start: nothing was taken
-    found, after = list[Grasp](), 0
+    found, after, bounds = list[Grasp](), 0, [*edges.tolist(), len(s), len(s)]
     for number in range(0, len(edges), 2):
-        first = int(edges[number])
-        last = int(edges[number + 1]) if number + 1 < len(edges) else len(s)
-        following = int(edges[number + 2]) if number + 2 < len(edges) else len(s)
+        first, last, following = bounds[number : number + 3]
         held, gone = float(np.median(s[first:last])), last
         if lasting := [at for at in range(first, last - still) if (s[at : at + still] <= empty).all()]:
             # It shuts: what was held before, if it stood still then, has slipped out of it.
@@ -103,13 +103,9 @@ def find_grasps(times: Array, closed: Array, limit: float, empty: float) -> list
 
 def held_at(times: Array, held: Mask) -> list[Grasp]:
     """The grasps of an episode that says at each of its times whether the tool holds something from then on, (T,)."""
-    edges = np.flatnonzero(np.diff(held.astype(np.int8), prepend=0))
-    found = []
-    for number in range(0, len(edges), 2):
-        start = float(times[edges[number]])
-        end = float(times[edges[number + 1]]) if number + 1 < len(edges) else None
-        found.append(Grasp(start, start, end, float(times[-1]) if end is None else end))
-    return found
+    edges = times[np.flatnonzero(np.diff(held.astype(np.int8), prepend=0))].tolist()
+    until = float(times[-1])
+    return [Grasp(at, at, end, until if end is None else end) for at, end in zip_longest(edges[::2], edges[1::2])]
 
 
 def phases(grasps: Sequence[Grasp], total: float) -> Iterator[Phase]:
@@ -119,16 +115,14 @@ def phases(grasps: Sequence[Grasp], total: float) -> Iterator[Phase]:
     """
     begin = 0.0
     for number, grasp in enumerate(grasps):
-        suffix = "" if number == 0 else f"{number + 1}"
-        following = grasps[number + 1].closing if number + 1 < len(grasps) else total
+        last, suffix = number + 1 == len(grasps), f"{number + 1}" if number else ""
         ends = [max(begin, min(grasp.closing, grasp.start - SHORTEST_PHASE)), grasp.start]
-        if grasp.end is None:
-            ends.append(total)
-        else:
+        ends.append(total if grasp.end is None else grasp.end)
+        if grasp.end is not None:
+            following = total if last else grasps[number + 1].closing
             released = min(max(grasp.opened, grasp.end + SHORTEST_PHASE), following)
-            last = number + 1 == len(grasps)
-            ends += [grasp.end, released, total if last else 0.5 * (released + following)]
-        for name, end in zip(("approach", "grasp", "carry", "release", "retreat"), ends, strict=False):
+            ends += [released, total if last else 0.5 * (released + following)]
+        for name, end in zip(GRASP_PHASES, ends, strict=False):
             if end > begin:
                 yield Phase(f"{name}{suffix}", begin, end, number)
                 begin = end
