@@ -69,7 +69,7 @@ def read_calibration(
     if why:
         raise part.error("wrong-value", stated.at["K"], f"{why} [fx, 0, cx, 0, fy, cy, 0, 0, 1]", mend)
 
-    title = formats.title_of(stated.format_name)
+    title = formats.FORMATS[stated.format_name]["files"][0].partition(" | ")[0]
     if stated.format_name == "camera_info":  # which is said in several syntaxes, by OpenCV and by programs, too
         matrix = part.at(camera.words.get("matrix", ("",)))
         of_opencv = syntax == "XML" or (isinstance(matrix, dict) and "dt" in matrix)

@@ -23,6 +23,7 @@ from sqrp_cli.files.entries import MappingOr, Number, foreign
 from sqrp_cli.files.input_file import decoded, read_input
 from sqrp_cli.files.json_file import json_document, parse_json
 from sqrp_cli.files.source import Data, KeyPath, SourceDocument, describe, not_finite
+from sqrp_cli.files.units import as_number
 from sqrp_cli.files.validation import misspelt, validate
 from sqrp_cli.files.xml_file import Element, parse_xml
 from sqrp_cli.files.yaml_file import MAX_BYTES, parse_yaml, read_yaml, top_key
@@ -56,7 +57,9 @@ def read_calibration_text(path: Path, keys: Collection[str] = ()) -> tuple[Sourc
     if re.match(r"\s*(?:\{|\[\s*[\[{])", text) and '"' in text:
         return json_document(path, text, parse_json(path, text)), "JSON"
     if text.lstrip().startswith("<"):
-        syntax, entries = "XML", _xml_entries(_storage(path, content), ())
+        elements = [*parse_xml(path, content, "opencv_storage").inside()]
+        texts = frozenset(one.tag for one in elements) - {one.tag for one in elements if one.children}
+        syntax, entries = "XML", _xml_entries(parse_xml(path, content, "opencv_storage", texts), ())
     elif _INI.search(text) and (_INI_KEY.search(text) or _INI_VALUE.search(text)):
         syntax, entries = "INI" if _INI_KEY.search(text) else "conf", _section_entries(path, text)
     elif _COLMAP_LINE.match(text):
@@ -116,14 +119,6 @@ def no_calibration(path: Path) -> Problem:
     return Problem("unknown-calibration", f"found no camera; expected one of {known}", Place(path), mend=mend)
 
 
-def _storage(path: Path, content: bytes) -> Element:
-    """The root of OpenCV's FileStorage, with the text of the elements that have no others in them."""
-    leaves: dict[str, bool] = {}
-    for element in parse_xml(path, content, "opencv_storage").inside():
-        leaves[element.tag] = leaves.get(element.tag, True) and not element.children
-    return parse_xml(path, content, "opencv_storage", frozenset(tag for tag, is_leaf in leaves.items() if is_leaf))
-
-
 def _xml_entries(element: Element, at: KeyPath) -> Entries:
     """What is within an element, by the tags; `_` are the items of a list."""
     is_list = at and all(child.tag == "_" for child in element.children)
@@ -180,15 +175,12 @@ def _section_entries(path: Path, text: str) -> Entries:
 
 def _row(text: str, place: Place) -> list[float]:
     """The numbers of a text. Raises InputError for anything else."""
-    numbers = []
     for word in text.split():
-        try:
-            numbers.append(float(word))
-        except ValueError:
-            raise bad_input("wrong-type", f"found `{word}`, expected a number", place) from None
-        if not math.isfinite(numbers[-1]):
+        if math.isnan(number := as_number(word)) and word.lower().strip("+-") != "nan":
+            raise bad_input("wrong-type", f"found `{word}`, expected a number", place)
+        if not math.isfinite(number):
             raise InputError(not_finite(place, word))
-    return numbers
+    return [float(word) for word in text.split()]
 
 
 def _scalars(text: str) -> Any:  # noqa: ANN401
@@ -317,11 +309,6 @@ def cameras_in(data: object) -> list[CameraInFile]:
     return found or doubtful
 
 
-def title_of(name: str) -> str:
-    """What a format is called: the first of its files."""
-    return str(FORMATS[name]["files"][0].partition(" | ")[0])
-
-
 MOST_NESTED = 4  # levels of a file in which cameras are looked for
 
 
@@ -352,12 +339,11 @@ def read_lens(camera: CameraInFile, part: SourceDocument, syntax: str, wanted: P
     values: dict[str, Any] = vars(validate(part, foreign(**fields)))
     for word in ("matrix", "D", "params", "projection"):
         if word in values and not isinstance(values[word], list):
-            at[word], (rows, cols, values[word]) = (*at[word], "data"), vars(values[word]).values()
-            if None not in (rows, cols) and rows * cols != len(values[word]):
-                message = (
-                    f"found {len(values[word])} numbers, expected `rows` x `cols` = {rows} x {cols} = {rows * cols}"
-                )
-                raise part.error("wrong-length", at[word], message)
+            matrix, at[word] = values[word], (*at[word], "data")
+            values[word], (rows, cols) = matrix.data, (matrix.rows, matrix.cols)
+            if None not in (rows, cols) and rows * cols != len(matrix.data):
+                expected = f"expected `rows` x `cols` = {rows} x {cols} = {rows * cols}"
+                raise part.error("wrong-length", at[word], f"found {len(matrix.data)} numbers, {expected}")
 
     size = PixelSize.of(*(values.get("size") or (values.get("width"), values.get("height"))))
     at["size"] = next((at[word] for word in ("size", "width", "height") if word in at), ())
@@ -381,7 +367,7 @@ def _model(values: Mapping[str, Any], at: dict[str, KeyPath], part: SourceDocume
     kind = numbered[kind] if type(kind) is int and 0 <= kind < len(numbered) else kind
     short = "" if kind is None else shortened(str(kind))
     is_known = short in ("", *FACTS["plain"], *FACTS["distortions"])
-    title = "" if name == "camera_info" else f" of {title_of(name)}"
+    title = "" if name == "camera_info" else f" of {row['files'][0].partition(' | ')[0]}"
     if "models" in row and "params" in values and str(kind).upper() not in row["models"]:
         message = f"found `{kind}`, expected one of {', '.join(f'`{one}`' for one in row['models'])}"
         raise part.error("unknown-distortion-model", where or at["params"], message, row.get("mend"))

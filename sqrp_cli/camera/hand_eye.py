@@ -136,13 +136,13 @@ def read_hand_eye(
     frame = "" if camera is None else camera.lstrip("/")
     if camera is None:
         leaves = [child for child in above if child not in parents]
-        names = [child for child in leaves if "optical" in child] or leaves
-        frame = (leaves if len(leaves) == 1 else names)[0] if names else ""
-        if len(leaves) != 1 and (len(names) != 1 or "optical" not in frame):
-            listed = ", ".join(f"`{name}`" for name in names[:10])
-            mend = f"say which: `{asked}: {{file: {path.name}, camera: {frame}}}`" if names else None
-            message = f"which frame is the camera's? The file has {listed}"
+        optical = leaves if len(leaves) == 1 else [child for child in leaves if "optical" in child]
+        if len(optical) != 1:
+            names = optical or leaves
+            mend = f"say which: `{asked}: {{file: {path.name}, camera: {names[0]}}}`" if names else None
+            message = f"which frame is the camera's? The file has {', '.join(f'`{name}`' for name in names[:10])}"
             raise bad_input("ambiguous-entry", message, Place(path), mend=mend)
+        frame = optical[0]
     if frame not in above:
         message = f"`{asked}.camera`: found `{frame}`, which has no transform in the file; "
         raise bad_input("unknown-camera", message + expected_names(frame, above), Place(path))
@@ -367,16 +367,14 @@ def _of_words(text: str, place: Place) -> StaticTransform:
 
 def read_bag(path: Path) -> list[StaticTransform]:
     """The static transforms of a recording, the last of each frame. Raises InputError where it cannot be read."""
+    found: dict[str, StaticTransform] = {}
     with Bag(path) as bag:
         packed = islice((one for one in bag.messages([TOPIC]) if one.type == _TYPE), MOST_MESSAGES)
-        stamped = [one for message in packed for one in bag.read(message).transforms]
-    found: dict[str, StaticTransform] = {}
-    for one in stamped:
-        transform = StaticTransform.of(one, Place(path))
-        if transform is None:
-            why = f"the quaternion of `{one.child_frame_id}` is not of length 1"
-            raise bad_input("not-a-rotation", why, Place(path))
-        found[transform.child] = transform
+        for one in [one for message in packed for one in bag.read(message).transforms]:
+            if (transform := StaticTransform.of(one, Place(path))) is None:
+                why = f"the quaternion of `{one.child_frame_id}` is not of length 1"
+                raise bad_input("not-a-rotation", why, Place(path))
+            found[transform.child] = transform
     if not found:
         raise bad_input("missing-key", f"the recording has no static transforms on `{TOPIC}`", Place(path))
     return list(found.values())
