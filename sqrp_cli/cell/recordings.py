@@ -101,14 +101,14 @@ class RecordedObjectEntry(Entry):
     @model_validator(mode="after")
     def _from_grasp_to_release(self) -> RecordedObjectEntry:
         match self.held:
-            case None:
-                pass
-            case [float() as start, float() as end] if start < end:
-                pass
-            case [str() as start, str() as end] if start.replace("grasp", "release") == end != start:
-                pass
-            case _:
-                raise refused("wrong-value", "expected [grasp, release], [grasp2, release2] or two rising times")
+            case [float() as start, float() as end]:
+                fits = start < end
+            case [str() as start, str() as end]:
+                fits = start.replace("grasp", "release") == end != start
+            case stated:
+                fits = stated is None
+        if not fits:
+            raise refused("wrong-value", "expected [grasp, release], [grasp2, release2] or two rising times")
         return self
 
 
@@ -198,45 +198,39 @@ def recorded_task(
 
     document: the workspace's file. detectors: those that it defines.
     """
-    at = ("recordings", name)
-    part, objects = document.part(at), entry.handled
+    at, objects = ("recordings", name), entry.handled
     known = [JAWS, *objects]
-    asked = list(dict.fromkeys(known if entry.watch is None else entry.watch))
-    watched = [one for one in asked if one in known]
+    asked = dict.fromkeys(known if entry.watch is None else entry.watch)
     problems = [
         document.problem("unknown-object", (*at, "watch"), f"found `{one}`; {expected_names(one, known)}")
         for one in asked
         if one not in known
     ]
-    detector = entry.detector or (detectors[0] if len(detectors) == 1 else SIGHT)
-    uses = [Holds(predicate, ()) for predicate in (*known, *entry.targets)]
-    uses += [Holds(predicate, (one,)) for predicate in ("hold", "place") for one in objects]
-    signatures = {use.predicate: Signature(use.predicate, tuple(map(Parameter, use.terms))) for use in uses}
-    signatures |= {one: Signature(one, (Parameter("object"),)) for one in ("hold", "place") if one in signatures}
+    plain, of_objects = [*known, *entry.targets], ("hold", "place") if objects else ()
+    uses = [Holds(one, ()) for one in plain] + [Holds(one, (thing,)) for one in of_objects for thing in objects]
+    signatures = {one: Signature(one, ()) for one in plain}
+    signatures |= {one: Signature(one, (Parameter("object"),)) for one in of_objects}
     action = Action(name, (), Compound("and"), tuple(uses), (), document.key_place(at))
     constants = dict.fromkeys(objects, "object")
     domain = Domain(name, document.path, frozenset(), {}, constants, signatures, {name: action})
-    formulas = list(entry.formulas)
-    if watched and not formulas:
-        formulas = [f"always[{EPISODE}.start, {EPISODE}.end] ({' and '.join(watched)})"]
-    faults = entry.faults
-    if faults is None:
-        faults = {
-            "dropped" if len(objects) == 1 else f"dropped_{one}": FormulaEntry(
-                formula=f"eventually[carry.start, carry.end] (not hold({one}))",
-                words=f"{one} is dropped while it is carried",
-            )
-            for one in objects
-        }
-    phases = [{"name": phase, "does": phase, "wait": 0.0} for phase in (EPISODE, *GRASP_PHASES)]
+    watched = " and ".join(one for one in asked if one in known)
+    usual = [f"always[{EPISODE}.start, {EPISODE}.end] ({watched})"] if watched else []
+    dropped = {
+        "dropped" if len(objects) == 1 else f"dropped_{one}": FormulaEntry(
+            formula=f"eventually[carry.start, carry.end] (not hold({one}))",
+            words=f"{one} is dropped while it is carried",
+        )
+        for one in objects
+    }
+    detector = entry.detector or (detectors[0] if len(detectors) == 1 else SIGHT)
     said = SkillFile.model_validate(
         {
             "waypoints": {"grasp": {"pose": {}}},  # that of what is held, which its motion tells
-            "primitives": phases,
-            "formulas": formulas,
-            "faults": faults,
+            "primitives": [{"name": one, "does": one, "wait": 0.0} for one in (EPISODE, *GRASP_PHASES)],
+            "formulas": entry.formulas or usual,
+            "faults": dropped if entry.faults is None else entry.faults,
             "targets": {**usual_targets([*objects], detector), **entry.targets},
         }
     )
-    skill = SkillReader(part, said, domain, action, problems).read(document.folder / name)
+    skill = SkillReader(document.part(at), said, domain, action, problems).read(document.folder / name)
     return RecordedTask(name=name, file=file, entry=entry, skill=skill)

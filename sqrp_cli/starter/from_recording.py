@@ -7,7 +7,7 @@ import re
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import replace
-from math import degrees, inf, pi
+from math import degrees, pi, radians
 from pathlib import Path
 
 import numpy as np
@@ -52,49 +52,45 @@ def guess_joints(
     numbers: of some episodes, (m, N). limits: lower and upper of the joints, of the gripper's joint `jaw` those of
     closed and open [rad or m]. Raises InputError where no name is that of a joint, or two are of one.
     """
-    plain = {joint: _plain(joint) for joint in limits}
-    found = defaultdict[str, list[str]](list)
+    joints, found = {_plain(joint): joint for joint in limits}, defaultdict[str, list[str]](list)
     for name in recording.names:
-        for joint in (joint for joint, word in plain.items() if word == _plain(name)):
-            found[joint].append(name)
-    for joint, names in found.items():
-        if len(names) > 1:
-            message = f"{first_names(names)} may each be joint `{joint}`: two arms, or states and commands of one"
-            mend = "keep the columns of one arm in the file, or write `recordings` with `joints` yourself"
-            raise bad_input("ambiguous-name", message, Place(recording.path), mend=mend)
+        if (known := joints.get(_plain(name))) is not None:
+            found[known].append(name)
+    if two := next(((joint, names) for joint, names in found.items() if len(names) > 1), None):
+        message = f"{first_names(two[1])} may each be joint `{two[0]}`: two arms, or states and commands of one"
+        mend = "keep the columns of one arm in the file, or write `recordings` with `joints` yourself"
+        raise bad_input("ambiguous-name", message, Place(recording.path), mend=mend)
     pairs = {joint: names[0] for joint, names in found.items()}
-    counted = [int(one[0]) for name in recording.names if (one := re.findall(r"\d+", name))]
-    rising = counted == [*range(counted[0], counted[0] + len(recording.names))] if counted else False
-    if not pairs and len(recording.names) in (len(limits), len({*limits} - {jaw}) if rising else 0):
-        pairs = dict(
-            zip(limits, recording.names, strict=False)
-        )  # in their order, numbered ones without the gripper, too
+    if not pairs:  # in their order, numbered ones without the gripper, too
+        counts = [int(one[0]) for name in recording.names if (one := re.findall(r"\d+", name))]
+        numbered = counts == [*range(min(counts, default=0), min(counts, default=0) + len(recording.names))]
+        ordered = [one for one in limits if len(recording.names) == len(limits) or (numbered and one != jaw)]
+        pairs = dict(zip(ordered, recording.names, strict=True)) if len(ordered) == len(recording.names) else {}
     if not pairs:
         message = f"none of its names is a joint of the robot: {first_names(recording.names)}"
-        known = f"joints are {first_names([*limits])}"
-        raise bad_input("unknown-joint", f"{message}; {known}", Place(recording.path), mend="name its robot")
-    spans = {joint: numbers[:, recording.names.index(name)] for joint, name in pairs.items()}
-    stated = {joint: recording.units.get(name, "") for joint, name in pairs.items()}
-    turning = [joint for joint in pairs if joint != jaw and joint not in slides]
-    beyond = any(np.abs(spans[joint]).max() > WITHIN_TURN for joint in turning)
-    fits = all(
-        limits[joint][0] - SLACK <= pi / 180 * spans[joint].min()
-        and pi / 180 * spans[joint].max() <= limits[joint][1] + SLACK
-        for joint in turning
-    )
-    most_of_all = max((float(np.abs(spans[joint]).max()) for joint in turning), default=0.0)
-    whole_range = most_of_all >= 98.0 and most_of_all <= 100.5  # numbers that stop at 100 are rather shares of a range
-    usual = "rad" if not beyond else "deg" if fits and not whole_range else "percent"
+        message += f"; joints are {first_names([*limits])}"
+        raise bad_input("unknown-joint", message, Place(recording.path), mend="name its robot")
+
+    # The unit of joints that turn where none is stated: numbers that stop at 100 are rather shares of a range.
+    columns = {joint: numbers[:, recording.names.index(name)] for joint, name in pairs.items()}
+    spans = {joint: (float(column.min()), float(column.max())) for joint, column in columns.items()}
+    turning = [(*spans[joint], *limits[joint]) for joint in pairs if joint != jaw and joint not in slides]
+    farthest = max((max(-least, most) for least, most, _, _ in turning), default=0.0)
+    fits = all(low - SLACK <= radians(least) and radians(most) <= high + SLACK for least, most, low, high in turning)
+    beyond, in_shares = farthest > WITHIN_TURN, 98.0 <= farthest <= 100.5
+    usual = "rad" if not beyond else "deg" if fits and not in_shares else "percent"
     guesses = []
     for joint, name in pairs.items():
-        low, high = limits[joint]
-        least, most = float(spans[joint].min()), float(spans[joint].max())
-        unit = stated[joint] or ("rad" if joint in slides else usual)
-        if joint == jaw and not stated[joint] and beyond and least >= -1.0 and most <= 101.0:
-            unit = "percent"  # from closed to open
-        scale, offset = {"rad": 1.0, "deg": pi / 180}.get(unit, (high - low) / 200), 0.0
-        if unit == "percent":
-            scale, offset = ((high - low) / 100, low) if least >= -1.0 and joint == jaw else (scale, 0.5 * (high + low))
+        (least, most), (low, high) = spans[joint], limits[joint]
+        stated = recording.units.get(name, "")
+        unit = stated or ("rad" if joint in slides else usual)
+        if joint == jaw and not stated and beyond and least >= -1.0 and most <= 101.0:
+            unit = "percent"
+        scale, offset = (1.0 if unit == "rad" else pi / 180), 0.0
+        if unit == "percent" and joint == jaw and least >= -1.0:  # from closed to open
+            scale, offset = (high - low) / 100, low
+        elif unit == "percent":
+            scale, offset = (high - low) / 200, 0.5 * (high + low)
         guesses.append(JointGuess(name, joint, scale, offset, f"{least:.4g} to {most:.4g}, taken as {unit}"))
     return guesses
 
@@ -111,64 +107,65 @@ def with_recording(layout: Layout, cell: Cell, file: Path, named: str) -> Layout
     cell: of the layout, with its hand. named: the recording as the workspace file says it. Raises InputError for a
     recording that is not of this robot, or cannot be read.
     """
-    recording, model = open_recording(file), cell.model
+    recording, model, slides = open_recording(file), cell.model, layout.slides
     episodes = [recording.read(number) for number in range(min(FIRST_EPISODES, len(recording.episodes)))]
     numbers = np.concatenate([one.values[:: max(1, len(one.times) // TAKEN)] for one in episodes])
     lower, upper = model.position_limits
-    limits = {name: (low, high) for name, low, high in zip(model.joints, lower.tolist(), upper.tolist(), strict=True)}
-    jaw = model.fingers.joints[0] if model.fingers.joints else None
-    if jaw is not None and model.fingers.closed[0] > model.fingers.open[0]:
+    limits = dict(zip(model.joints, zip(lower.tolist(), upper.tolist(), strict=True), strict=True))
+    jaw = next(iter(model.fingers.joints), None)
+    upwards = jaw is not None and model.fingers.closed[0] > model.fingers.open[0]  # it closes
+    if jaw is not None and upwards:
         limits[jaw] = limits[jaw][::-1]
-    guesses = guess_joints(recording, numbers, limits, jaw, layout.slides)
+    guesses = guess_joints(recording, numbers, limits, jaw, slides)
+    recorded = {one.joint for one in guesses}
     q = np.tile([*model.home.tolist(), *model.fingers.open.tolist()], (len(numbers), 1))
     for one in guesses:
-        column = recording.names.index(one.name)
-        q[:, model.joints.index(one.joint)] = one.scale * numbers[:, column] + one.offset
+        q[:, model.joints.index(one.joint)] = one.scale * numbers[:, recording.names.index(one.name)] + one.offset
+
+    # What is said of it.
     said = [f"`{one.name}` is joint `{one.joint}`: {one.why}" for one in guesses]
     told = zip(recording.episodes, episodes, strict=False)
     said += [f"episode {name}: {one}" for name, episode in told for one in episode.told]
+    said += [f"`{name}` is not recorded and stays at home" for name in model.arm if name not in recorded]
+    past = np.maximum(lower - q.min(axis=0), q.max(axis=0) - upper).tolist()
     said += [
-        f"`{name}` is not recorded and stays at home" for name in model.arm if name not in {g.joint for g in guesses}
+        f"joint `{name}` then goes {degrees(far):.0f} deg past its limit: check its scale and offset"
+        for name, far in zip(model.joints, past, strict=True)
+        if far > 0.01
     ]
-    for number, name in enumerate(model.joints):
-        if (past := float(max(lower[number] - q[:, number].min(), q[:, number].max() - upper[number]))) > 0.01:
-            said.append(f"joint `{name}` then goes {degrees(past):.0f} deg past its limit: check its scale and offset")
     tips = model.tool_poses(q[:, : len(model.arm)])[:, :3, 3]
     if (depth := float(-tips[:, 2].min())) > 0.005:
         said.append(f"the tool then goes {100 * depth:.1f} cm into the table: check offsets, `robot.base` and the tool")
 
-    # The gripper: two groups of positions, and the level between them.
-    entry, gripper = [f"    file: {named}", "    joints:  # check: number x scale + offset = position of the joint"], ""
+    # Its entry. The gripper has two groups of positions, and holds beyond the level between them.
+    entry = [f"  {RECORDED}:  # its episodes are the candidates", f"    file: {named}"]
+    entry.append("    joints:  # check: number x scale + offset = position of the joint")
     for one in guesses:
-        unit = "m" if one.joint in layout.slides else "rad" if one.scale == 1.0 else "deg"
+        unit = "m" if one.joint in slides else "rad" if one.scale == 1.0 else "deg"
         factor = 180 / pi if unit == "deg" else 1.0
         values = f"scale: {factor * one.scale:.9g} {unit}, offset: {factor * one.offset:.6g} {unit}"
         entry.append(f"      {json.dumps(one.name)}: {{joint: {json.dumps(one.joint)}, {values}}}  # {one.why}")
-    if jaw is not None and jaw in {one.joint for one in guesses}:
-        jaws, (low, high) = q[:, model.joints.index(jaw)], limits[jaw]
+    grips = HELD in recording.names
+    if jaw is not None and jaw in recorded:
+        jaws = q[:, model.joints.index(jaw)]
         level = 0.5 * (jaws.min() + jaws.max())
         for _ in range(20):
             level = 0.5 * (jaws[jaws <= level].mean() + jaws[jaws >= level].mean())
-        if np.ptp(jaws) > OPENS * min(abs(high - low), inf):
-            word = "closed_below" if model.fingers.closed[0] < model.fingers.open[0] else "closed_above"
-            value = f"{level:.4g} m" if jaw in layout.slides else f"{degrees(level):.3g} deg"
-            gripper = f"    gripper: {{joint: {json.dumps(jaw)}, {word}: {value}}}  # check: then something is held"
-            said.append(f"something is held while `{jaw}` is {word.removeprefix('closed_')} {value}")
-    if gripper or HELD in recording.names:
+        if np.ptp(jaws) > OPENS * abs(limits[jaw][1] - limits[jaw][0]):
+            word, grips = "above" if upwards else "below", True
+            value = f"{level:.4g} m" if jaw in slides else f"{degrees(level):.3g} deg"
+            stated = f"{{joint: {json.dumps(jaw)}, closed_{word}: {value}}}"
+            entry.append(f"    gripper: {stated}  # check: then something is held")
+            said.append(f"something is held while `{jaw}` is {word} {value}")
+    if grips:
         size = ", ".join([f"{100 * USUAL_SIZE:g} cm"] * 3)
-        entry += [
-            *filter(None, [gripper]),
-            f"    objects: {{part: {{size: [{size}]}}}}  # check: what is held; it begins where it is grasped",
-        ]
+        entry.append(f"    objects: {{part: {{size: [{size}]}}}}  # check: what is held; it begins where it is grasped")
 
+    # Where it begins, and where its work is, which is where the tool is lowest.
     home = {name: float(np.clip(q[0, k], lower[k], upper[k])) for k, name in enumerate(model.arm)}
-    lowest = tips[np.argsort(tips[:, 2])[: max(1, len(tips) // 10)]]  # where the work is
-    middle = [float(np.median(lowest[:, 0])), float(np.median(lowest[:, 1])), USUAL_SIZE / 2]
-    ahead = float(np.arctan2(middle[1], middle[0]))
-    begun = replace(
-        layout, home=home, directions=(ahead,), table_side=1.0, table_at=(round(middle[0], 1), round(middle[1], 1))
-    )
-    work = [Cube("part", "green", (middle[0], middle[1], middle[2]))]
-    views = views_of(cell, begun, work, 0.1)
-    text = "\n".join([f"  {RECORDED}:  # its episodes are the candidates", *entry])
-    return replace(begun, views=views, recording=text, told=tuple(said))
+    lowest = tips[np.argsort(tips[:, 2])[: max(1, len(tips) // 10)]]
+    x, y = np.median(lowest[:, :2], axis=0).tolist()
+    ahead, at = float(np.arctan2(y, x)), (round(x, 1), round(y, 1))
+    begun = replace(layout, home=home, directions=(ahead,), table_side=1.0, table_at=at)
+    views = views_of(cell, begun, [Cube("part", "green", (x, y, USUAL_SIZE / 2))], 0.1)
+    return replace(begun, views=views, recording="\n".join(entry), told=tuple(said))
