@@ -236,10 +236,8 @@ _SHARED = ("size", "width", "height", "model", "kind")  # words that cameras of 
 _PINHOLE = ("fx", "fy", "cx", "cy")
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _Length = Annotated[PixelCount, BeforeValidator(lambda n: int(n) if isinstance(n, float) and n.is_integer() else n)]
-_LISTS: dict[str, Any] = {
-    **dict.fromkeys(("matrix", "D", "params", "projection"), _Matrices),
-    "size": Annotated[list[_Length], Field(min_length=2, max_length=2)],
-}
+_LISTS: dict[str, Any] = dict.fromkeys(("matrix", "D", "params", "projection"), _Matrices)
+_LISTS["size"] = Annotated[list[_Length], Field(min_length=2, max_length=2)]
 _TYPES = {**_LISTS, "width": _Length | None, "height": _Length | None, "model": str | None, "kind": Any}
 """Of the words of a camera; those of the others are numbers."""
 
@@ -260,7 +258,7 @@ _MARKED = (
     re.compile(rf"(?P<base>\w+?)_?(?P<mark>{_MARKS}|cam(?:era)?\d*|[lr\d])"),
     re.compile(rf"(?P<mark>{_MARKS}|cam(?:era)?\d*)(?P<base>\w+)"),
 )
-_TOP_WORDS = ("matrix", *_PINHOLE, "D", "width", "height", "size", "model", "kind")
+_TOP_WORDS = ("matrix", *_PINHOLE, "D", *_SHARED)
 TOP_KEYS = (*FACTS["lens_keys"], *(key for word in _TOP_WORDS for key in FACTS["words"][word]))
 """Keys of which one is at the top of a calibration file in YAML, so that problems may quote it."""
 

@@ -172,8 +172,8 @@ class ImageEntry(FileRecord):
         """The intrinsics; pixels are square unless `fy` is given. The number of coefficients is not checked."""
         fx = self.fx if self.fx is not None else 0.5 * self.width / tan(0.5 * (self.horizontal_fov or 0.0))
         fy = self.fy if self.fy is not None else fx
-        stated, middle = (self.cx, self.cy), (0.5 * (self.width - 1), 0.5 * (self.height - 1))
-        cx, cy = (usual if own is None else own for own, usual in zip(stated, middle, strict=True))
+        cx = self.cx if self.cx is not None else 0.5 * (self.width - 1)
+        cy = self.cy if self.cy is not None else 0.5 * (self.height - 1)
         lens = self.distortion or DistortionEntry(model="none", coefficients=[])
         return Intrinsics(
             width=self.width,

@@ -167,14 +167,15 @@ def _easy_handeye(path: Path, content: bytes, _text: str) -> list[StaticTransfor
         in_hand = parameters.calibration_type == "eye_in_hand"
     key = "robot_effector_frame" if in_hand else "robot_base_frame"
     frame, found = getattr(parameters, key), result.transform or result.transformation
-    for value, holder, needed in (
-        (in_hand, owner, "`calibration_type` (easy_handeye2) or `eye_on_hand` (easy_handeye)"),
-        (frame, owner, f"`{key}`, the frame that carries the camera"),
-        (found, (), "`transform` (easy_handeye2) or `transformation` (easy_handeye)"),
-    ):
+    needed = {
+        "`calibration_type` (easy_handeye2) or `eye_on_hand` (easy_handeye)": (in_hand, owner),
+        f"`{key}`, the frame that carries the camera": (frame, owner),
+        "`transform` (easy_handeye2) or `transformation` (easy_handeye)": (found, ()),
+    }
+    for words, (value, holder) in needed.items():
         if value is None:
             who = f"`{dotted(holder)}`" if holder else "the file"
-            raise bad_input("missing-key", f"{who} lacks the key {needed}", document.key_place(holder))
+            raise bad_input("missing-key", f"{who} lacks the key {words}", document.key_place(holder))
     at: KeyPath = ("transform", "rotation") if result.transform else ("transformation",)
     t, r = (found.translation, found.rotation) if result.transform else (found, found)
     quaternion = [getattr(r, name) for name in ("xyzw" if result.transform else _QUATERNION)]
@@ -182,9 +183,8 @@ def _easy_handeye(path: Path, content: bytes, _text: str) -> list[StaticTransfor
     if R is None:
         message = f"the quaternion has length {float(np.linalg.norm(quaternion)):.3g}, expected 1"
         raise document.error("not-a-rotation", at, message)
-    X, place = read_only(pose(R, (t.x, t.y, t.z))), document.value_place((*owner, key))
-    child = parameters.tracking_base_frame
-    return [StaticTransform(frame.lstrip("/"), child, X, place, "easy_handeye", document.content, document)]
+    frames, place = (frame.lstrip("/"), parameters.tracking_base_frame), document.value_place((*owner, key))
+    return [StaticTransform(*frames, read_only(pose(R, (t.x, t.y, t.z))), place, "easy_handeye", content, document)]
 
 
 def _read_urdf(path: Path, content: bytes, _text: str) -> list[StaticTransform]:

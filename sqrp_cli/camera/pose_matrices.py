@@ -69,8 +69,7 @@ def read_pose(
         title, found = "transforms.json" if "frames" in document.data else f"a matrix ({syntax})", _poses_in(document)
     names, place = [one.name for one in found], Place(path)
     if not found:
-        known = ", ".join(FACTS["poses"])
-        message = f"found no camera pose; expected {known}, a recording, a matrix or a vector of 6"
+        message = f"found no camera pose; expected {', '.join(FACTS['poses'])}, a recording, a matrix or a vector of 6"
         raise bad_input("unknown-calibration", message, place)
     if camera is not None and camera not in names:
         message = f"`{asked}.camera`: found `{camera}`, which has no pose in the file; "
