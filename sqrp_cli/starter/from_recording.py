@@ -26,6 +26,7 @@ FIRST_EPISODES, TAKEN = 4, 400
 """So many episodes tell what is guessed, by so many states of each at most."""
 WITHIN_TURN = 6.5  # numbers beyond it are no radians
 SLACK = 0.2  # degrees may be as far past the limits of a joint, as zeros of joints differ [rad]
+ROUNDED = 2e-4  # home stays so far within limits, as its file has hundredths of a degree, or tenths of a millimetre
 OPENS = 0.05  # a gripper that opens and closes by less than this share of its limits takes nothing
 
 
@@ -148,10 +149,10 @@ def with_recording(layout: Layout, cell: Cell, file: Path, named: str) -> Layout
     grips = HELD in recording.names
     if jaw is not None and jaw in recorded:
         jaws = q[:, model.joints.index(jaw)]
-        level = 0.5 * (jaws.min() + jaws.max())
-        for _ in range(20):
-            level = 0.5 * (jaws[jaws <= level].mean() + jaws[jaws >= level].mean())
         if np.ptp(jaws) > OPENS * abs(limits[jaw][1] - limits[jaw][0]):
+            level = 0.5 * (jaws.min() + jaws.max())
+            for _ in range(20):
+                level = 0.5 * (jaws[jaws <= level].mean() + jaws[jaws >= level].mean())
             word, grips = "above" if upwards else "below", True
             value = f"{level:.4g} m" if jaw in slides else f"{degrees(level):.3g} deg"
             stated = f"{{joint: {json.dumps(jaw)}, closed_{word}: {value}}}"
@@ -162,7 +163,8 @@ def with_recording(layout: Layout, cell: Cell, file: Path, named: str) -> Layout
         entry.append(f"    objects: {{part: {{size: [{size}]}}}}  # check: what is held; it begins where it is grasped")
 
     # Where it begins, and where its work is, which is where the tool is lowest.
-    home = {name: float(np.clip(q[0, k], lower[k], upper[k])) for k, name in enumerate(model.arm)}
+    begin = np.clip(q[0], lower + ROUNDED, upper - ROUNDED)
+    home = {name: float(begin[k]) for k, name in enumerate(model.arm)}
     lowest = tips[np.argsort(tips[:, 2])[: max(1, len(tips) // 10)]]
     x, y = np.median(lowest[:, :2], axis=0).tolist()
     ahead, at = float(np.arctan2(y, x)), (round(x, 1), round(y, 1))

@@ -201,3 +201,10 @@ def test_a_first_workspace_comes_from_a_recording(planned, tmp_path):
     assert validate(read_yaml(tmp_path / "cell" / "place.yaml"), PlaceFile).mounts.keys() == {"left", "right", "above"}
     written(planned[1], tmp_path / "taught.csv", holds=0.0)  # a recording that changes is read again
     assert "nothing is grasped" in open_cell(tmp_path / "cell").rank(made.task).candidates[0].reasons[0]
+
+
+def test_a_recording_may_begin_past_the_limits_of_joints(tmp_path):
+    joints = "shoulder_pan,shoulder_lift,elbow_flex,wrist_flex,wrist_roll,gripper"
+    (tmp_path / "rest.csv").write_text(f"time,{joints}\n0,119,-109,99,99,169,50\n1,0,0,0,0,0,50\n")
+    made = new_cell(tmp_path / "cell", robot="so101", recording=tmp_path / "rest.csv")
+    assert "joint `elbow_flex` then goes 2 deg past its limit" in " ".join(made.told)
