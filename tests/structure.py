@@ -27,7 +27,7 @@ ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_356),
     "files": ("files", 2_054),
     "robot": ("robot", 3_106),
-    "camera": ("camera", 2_311),
+    "camera": ("camera", 2_306),
     "cell": ("cell", 3_573),
     "logic": ("logic", 2_339),
     "skill, program, recording": ("skill program recording", 2_808),

@@ -322,10 +322,8 @@ def _substituted(text: str, defaults: Mapping[str, str | None], place: Place) ->
             break
         text = text.replace(found[0], value)
     if left := re.search(r"\$\(((?:[^()]|\([^()]*\))*)\)?", text):
-        message, mend = (
-            f"`{left[1][:60]}` is not known without running the file; expected text or a number",
-            "write the value itself",
-        )
+        message = f"`{left[1][:60]}` is not known without running the file; expected text or a number"
+        mend = "write the value itself"
         if re.match(r"(arg|var)\s", left[1]):
             message = f"this transform depends on `{left[0][:60]}`, which is not known before a launch"
             mend = "give the argument a default, or write the transform that holds into a file of its own"

@@ -27,18 +27,15 @@ class MarkerDictionary(NamedTuple):
 
 _CORRECTED = {4: (0, 0, 0, 0), 5: (1, 1, 1, 1), 6: (3, 3, 3, 2), 7: (5, 4, 4, 3)}
 """By the bits along a side, of the dictionaries with 50, 100, 250 and 1000 markers."""
-
-_ARUCO = {
-    f"{bits}x{bits}_{count}": MarkerDictionary(bits + 2, count, wrong)
-    for bits, corrected in _CORRECTED.items()
-    for count, wrong in zip((50, 100, 250, 1000), corrected, strict=True)
-}
-
 ORIGINAL = "aruco_original"  # the dictionary of markers that do not name one
 
 DICTIONARIES: Mapping[str, MarkerDictionary] = {
     ORIGINAL: MarkerDictionary(7, 1024),
-    **_ARUCO,
+    **{
+        f"{bits}x{bits}_{count}": MarkerDictionary(bits + 2, count, wrong)
+        for bits, corrected in _CORRECTED.items()
+        for count, wrong in zip((50, 100, 250, 1000), corrected, strict=True)
+    },
     "apriltag_16h5": MarkerDictionary(6, 30, 1),
     "apriltag_25h9": MarkerDictionary(7, 35, 2),
     "apriltag_36h10": MarkerDictionary(8, 2320, 2),
