@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property, lru_cache
+from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -39,37 +40,26 @@ class Episode:
 class Recording:
     """A recording that can be read, episode by episode, as often as asked for.
 
+    read: gives an episode by its number, from 0, keeping the last one in memory; raises InputError for damage.
     units: of names that have one: `rad` (or m, of joints that slide), `deg`, `percent`. episodes: their names.
-    load: reads one by its number, from 0. stated_rate: [Hz], if any. Raises InputError without joints or episodes, and
-    for names that are given twice or too many.
+    Raises InputError without joints or episodes, and for names that are given twice or too many.
     """
 
     path: Path
     kind: str
     names: tuple[str, ...]
-    load: Callable[[int], Episode]
+    read: Callable[[int], Episode]
     units: Mapping[str, str]
     episodes: tuple[str, ...] = ("0",)
-    stated_rate: float | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "read", lru_cache(maxsize=1)(self.read))
         if not self.names or not self.episodes:
             message = f"this {self.kind} has no {'episodes' if self.names else 'joints'}"
             raise bad_input("empty-recording", message, Place(self.path))
         if (count := len({*self.names})) < len(self.names) or count > MOST_NAMES:
             message = f"this {self.kind} has {count:,} names of {len(self.names):,} columns; expected one each"
             raise bad_input("wrong-columns", f"{message}, {MOST_NAMES:,} at most", Place(self.path))
-
-    @cached_property
-    def read(self) -> Callable[[int], Episode]:
-        """Gives an episode, keeping only the last one in memory; raises InputError for damage."""
-        return lru_cache(maxsize=1)(self.load)
-
-    @cached_property
-    def rate(self) -> float:
-        """Of its states [Hz]: stated, or the usual one of its first episode."""
-        times = self.read(0).times
-        return self.stated_rate or (1.0 / float(np.median(np.diff(times))) if len(times) > 1 else 1.0)
 
 
 def episode_of(states: Array, names: Sequence[str], place: Place, what: str, rate: float | None) -> Episode:
@@ -98,23 +88,21 @@ def episode_of(states: Array, names: Sequence[str], place: Place, what: str, rat
         (2 * twice > len(times), f"gives {twice:,} of {len(times):,} states the time of another one"),
         (rising[-1] - rising[0] > LONGEST, f"spans {(rising[-1] - rising[0]) / 3600:,.0f} hours"),
     ]
-    if told := [said for holds, said in wrong_clock if holds]:
-        message = f"{what}: its clock {told[0]}; expected that of one motion"
+    for said in (said for holds, said in wrong_clock if holds):
+        message = f"{what}: its clock {said}; expected that of one motion"
         mend = "cut the recording, or state its rate, so that its times do not count"
         raise bad_input("wrong-clock", message, place, mend=mend)
     told = [f"{twice:,} states have the time of another one and are left out"] if twice else []
     told += [f"{late:,} states came late and are put in order"] if late else []
-    pauses = np.flatnonzero(steps > max(GAP, GAP_STEPS * np.median(steps))) if len(steps) else ()
-    if len(pauses):
-        at = pauses[np.argmax(steps[pauses])]
-        begin = rising[at] - rising[0]
-        told += [f"{len(pauses):,} pauses without states, the longest of {steps[at]:.2f} s from {begin:.2f} s on"]
+    if pauses := np.count_nonzero(steps > max(GAP, GAP_STEPS * np.median(steps))) if len(steps) else 0:
+        longest = int(np.argmax(steps))
+        begin = rising[longest] - rising[0]
+        told += [f"{pauses:,} pauses without states, the longest of {steps[longest]:.2f} s from {begin:.2f} s on"]
     return Episode(rising - rising[0], states[first, 1:], tuple(told))
 
 
 def alone(path: Path, kind: str, names: Sequence[str], states: Array, rate: float | None, *told: str) -> Recording:
     """A recording of one episode in SI, see `episode_of`; told: what is doubtful beside its clock."""
     found = episode_of(states, names, Place(path), f"this {kind}", rate)
-    episode = Episode(found.times, found.values, (*found.told, *told))
-    units = {name: "rad" for name in names if name != HELD}
-    return Recording(path, kind, tuple(names), lambda _: episode, units, stated_rate=rate)
+    episode, units = replace(found, told=(*found.told, *told)), {name: "rad" for name in names if name != HELD}
+    return Recording(path, kind, tuple(names), lambda _: episode, units)

@@ -77,7 +77,7 @@ def open_dataset(path: Path, rate: float | None, signal: str | None) -> Recordin
         parts = [np.zeros((0, 1 + width)), *_states(file, feature, width, None if is_v2 else number, fps)]
         return episode_of(np.concatenate(parts), names, Place(file), f"episode {number}", rate)
 
-    return Recording(path, "dataset", tuple(names), read, {}, tuple(map(str, numbers)), rate or fps)
+    return Recording(path, "dataset", tuple(names), read, {}, tuple(map(str, numbers)))
 
 
 def _states(file: Path, feature: str, width: int, episode: int | None, fps: float) -> Iterator[Array]:

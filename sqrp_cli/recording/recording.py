@@ -10,12 +10,11 @@ from typing import NamedTuple
 from sqrp_cli.errors import InputError, Place, bad_input, bad_option
 from sqrp_cli.files.input_file import missing_file, open_input
 from sqrp_cli.recording.bags import open_bag
-from sqrp_cli.recording.episode import HELD, Episode, Recording
+from sqrp_cli.recording.episode import Episode, Recording
 from sqrp_cli.recording.lerobot import open_dataset
 from sqrp_cli.recording.texts import open_log, open_program, open_table, open_trajectory
 from sqrp_cli.ros.bag import SUFFIXES, is_bag
 
-__all__ = ["HELD", "READERS", "Episode", "Reader", "Recording", "open_recording"]
 _TRAJECTORY = re.compile(rb"^[ {]*(joint_names|joint_trajectory|trajectory|points) *:", re.MULTILINE)
 _TABLE = re.compile(rb"(?:\s*[#%].*\n)*(?=[^\n]*[A-Za-z_])(?=[^\n]*[,;\t |])[^\n\0]*\n[^\0]*\Z")
 
@@ -63,14 +62,13 @@ def open_recording(path: Path, *, signal: str | None = None, rate: float | None 
         lacking = [name for name in first.names if name not in one.names]
         if lacking or len(one.episodes) > 1:
             what = f"lacks `{lacking[0]}`" if lacking else f"has {len(one.episodes):,} episodes"
-            raise bad_input(
-                "wrong-columns", f"this {one.kind} {what}; expected one as {files[0].name}", Place(one.path)
-            )
+            message = f"this {one.kind} {what}; expected one as {files[0].name}"
+            raise bad_input("wrong-columns", message, Place(one.path))
         found = one.read(0)
         return Episode(found.times, found.values[:, [one.names.index(name) for name in first.names]], found.told)
 
     names = tuple(file.stem for file in files)
-    return Recording(path, first.kind, first.names, read, first.units, names, rate)
+    return Recording(path, first.kind, first.names, read, first.units, names)
 
 
 def _reader_of(path: Path) -> Reader | None:

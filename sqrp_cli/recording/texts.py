@@ -58,25 +58,25 @@ def open_table(path: Path, rate: float | None, _signal: str | None) -> Recording
     if clock is None and rate is None:
         message = f"this table has {first_names([*columns])}; expected a column of times as well"
         raise bad_input("wrong-columns", message, where, mend="name that of times `time`, in seconds, or state a rate")
-    joints = [name for name, column in columns.items() if name not in (clock, chapter) and not (column > _UNUSED).all()]
-    ours = [name for name in joints if name.startswith(_OURS)]
-    joints = [*ours, *({HELD} & {*joints})] if ours else joints
-    names = [name.removeprefix(_OURS) if ours else name for name in joints]
+    others = {name: column for name, column in columns.items() if name not in (clock, chapter)}
+    joints = {name: column for name, column in others.items() if not (column > _UNUSED).all()}
+    if ours := {name.removeprefix(_OURS): column for name, column in joints.items() if name.startswith(_OURS)}:
+        joints = {**ours, **({HELD: joints[HELD]} if HELD in joints else {})}
     numbered = [name for name in joints if _NUMBERED.fullmatch(name)]
-    turns = any(np.abs(columns[name]).max(initial=0.0) > _TURN for name in numbered)
-    units = {name: "deg" for name in names if _RAPID.fullmatch(name) or (turns and name in numbered)}
-    units |= {name: unit for unit, said in _UNITS.items() for name in names if re.search(said, name)}
-    units |= {name.removeprefix(_OURS): "rad" for name in ours}
-    column = columns[chapter] if chapter is not None else np.zeros(len(next(iter(columns.values()))))
-    starts = [0, *(np.flatnonzero(np.diff(column)) + 1).tolist(), len(column)]
+    turns = any(np.abs(joints[name]).max(initial=0.0) > _TURN for name in numbered)
+    units = {name: "deg" for name in joints if _RAPID.fullmatch(name) or (turns and name in numbered)}
+    units |= {name: unit for unit, said in _UNITS.items() for name in joints if re.search(said, name)}
+    units |= dict.fromkeys(ours, "rad")
+    number = columns[chapter] if chapter is not None else np.zeros(len(next(iter(columns.values()))))
+    starts = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(number)]
 
     def read(episode: int) -> Episode:
-        part = slice(*starts[episode : episode + 2])
-        states = np.column_stack([columns[name][part] for name in (clock or joints[0], *joints)])
-        return episode_of(states, names, where, f"episode {episode}" if chapter else "this table", rate)
+        begin, end = starts[episode : episode + 2]
+        times = columns[clock] if clock is not None else number  # which a stated rate replaces
+        states = np.column_stack([column[begin:end] for column in (times, *joints.values())])
+        return episode_of(states, [*joints], where, f"episode {episode}" if chapter else "this table", rate)
 
-    episodes = tuple(f"{number:g}" for number in column[starts[:-1]])
-    return Recording(path, "table", tuple(names), read, units, episodes, rate)
+    return Recording(path, "table", tuple(joints), read, units, tuple(f"{one:g}" for one in number[starts[:-1]]))
 
 
 def _columns(path: Path) -> Mapping[str, Array]:

@@ -22,7 +22,7 @@ def recorded(names: list[str], units: str = "") -> Recording:
         names=tuple(names),
         units=dict.fromkeys(names, units),
         episodes=("0",),
-        load=lambda _: Episode(np.arange(2.0), np.zeros((2, len(names)))),
+        read=lambda _: Episode(np.arange(2.0), np.zeros((2, len(names)))),
     )
 
 
