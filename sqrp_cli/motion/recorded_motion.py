@@ -85,6 +85,8 @@ class RecordedMotions:
         """The motion of an episode; world: has the objects and joints that it does not tell. Raises InputError."""
         recording, episode = self.recording, self._episode(choice)
         t, objects = episode.times, self.task.objects
+        if len(t) < 2:
+            return Infeasible(("it has one state, so there is no motion",))
         moved = joint_positions(self.task, recording, model.joints, episode)
         rests = (np.full(len(t), world.joints.get(name, 0.0)) for name in model.joints)
         q = np.column_stack([moved.get(name, rest) for name, rest in zip(model.joints, rests, strict=True)])

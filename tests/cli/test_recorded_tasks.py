@@ -208,3 +208,10 @@ def test_a_recording_may_begin_past_the_limits_of_joints(tmp_path):
     (tmp_path / "rest.csv").write_text(f"time,{joints}\n0,119,-109,99,99,169,50\n1,0,0,0,0,0,50\n")
     made = new_cell(tmp_path / "cell", robot="so101", recording=tmp_path / "rest.csv")
     assert "joint `elbow_flex` then goes 2 deg past its limit" in " ".join(made.told)
+
+
+def test_an_episode_of_one_state_is_no_motion(recorded, tmp_path):
+    lines = (recorded.workspace.recordings["demo"].file / "0.csv").read_text().splitlines()
+    (tmp_path / "data").write_text("\n".join(lines[:2]))
+    write_cell({**shipped_cell("tabletop"), "recordings": {"demo": USUAL}}, tmp_path)
+    assert open_cell(tmp_path).rank("demo").candidates[0].reasons == ("it has one state, so there is no motion",)
