@@ -203,9 +203,9 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
             problems.append(document.problem("duplicate-name", at, f"there is also a skill `{called}`"))
         with reader.collecting():
             path = from_folder(document.folder, entry.file)
-            recordings[called] = recorded_task(document, called, path, entry, list(detectors))
-    for recorded in recordings.values():
-        problems += check_skill(recorded.skill, reader.links, objects, [*detectors, *USUAL_DETECTORS])
+            found = recorded_task(document, called, path, entry, list(detectors))
+            problems += check_skill(found.skill, reader.links, objects, [*detectors, *USUAL_DETECTORS])
+            recordings[called] = found
     problems += check_tasks(document, file.tasks, [*skills, *recordings], list(objects))
     if problems:
         raise InputError(*problems)

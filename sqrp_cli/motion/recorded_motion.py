@@ -69,11 +69,8 @@ class RecordedMotions:
         file, entry = self.task.file, self.task.entry
         return opened(file, entry.signal, entry.rate, file.stat().st_mtime_ns if file.exists() else 0)
 
-    def frames(self, choice: SkillChoice) -> Array:
-        """The times of the frames of an episode, shape (T,) [s]. Raises InputError."""
-        return self._episode(choice).times
-
-    def _episode(self, choice: SkillChoice) -> Episode:
+    def episode(self, choice: SkillChoice) -> Episode:
+        """The episode that is chosen. Raises InputError."""
         number, recording = int(choice.values[EPISODE]), self.recording
         count = len(recording.episodes)
         if not 0 <= number < count:
@@ -83,7 +80,7 @@ class RecordedMotions:
 
     def motion(self, choice: SkillChoice, world: World, model: RobotModel) -> Motion | Infeasible:
         """The motion of an episode; world: has the objects and joints that it does not tell. Raises InputError."""
-        recording, episode = self.recording, self._episode(choice)
+        recording, episode = self.recording, self.episode(choice)
         t, objects = episode.times, self.task.objects
         if len(t) < 2:
             return Infeasible(("it has one state, so there is no motion",))
@@ -163,12 +160,11 @@ def limits_broken(motion: Motion, scene: CollisionScene, handled: Collection[str
     q = np.concatenate([motion.positions(k, fine[index == k]) for k in sorted(set(index.tolist()))])
     lower, upper = model.position_limits
     fastest = (1.0 + MEASURED) * np.concatenate([model.velocity, model.fingers.velocity])
-    turns = np.array([model.tree.turns[model.tree.index(name)] for name in model.joints], dtype=bool)
     past = np.maximum(lower - q, q - upper)
     slow = np.array([np.interp(coarse, fine, column) for column in q.T]).T
     speed = np.abs(np.diff(slow, axis=0)) / SPEED_OVER
     for number, name in enumerate(model.joints):
-        factor, unit = (180.0 / np.pi, "deg") if turns[number] else (1000.0, "mm")
+        factor, unit = (180.0 / np.pi, "deg") if model.tree.turns[model.tree.index(name)] else (1000.0, "mm")
         if (rows := np.flatnonzero(past[:, number] > MEASURED)).size:
             most = factor * past[:, number].max()
             yield f"at {fine[rows[0]]:.1f} s joint `{name}` goes past its limit, by up to {most:.1f} {unit}"

@@ -29,9 +29,8 @@ def free_views(cell: Cell, analysis: Analysis, needed: float) -> tuple[tuple[Fre
     ]
     lasts = {one: one.end - one.start for one in each}
     enough = sorted((one for one in each if lasts[one] >= needed - 1e-9), key=lambda one: (one.start, one.cameras))
-    longest = {camera.name: 0.0 for camera in cell.observer.cameras}
-    for one, length in lasts.items():
-        longest[one.cameras[0]] = max(longest[one.cameras[0]], length)
+    longest = dict.fromkeys((camera.name for camera in cell.observer.cameras), 0.0)
+    longest |= {one.cameras[0]: lasts[one] for one in sorted(each, key=lasts.__getitem__)}
     nearest = None if enough else max(each, key=lambda one: (lasts[one], -one.start), default=None)
     need = f"{1000 * needed:.0f} ms"
     words = f"{len(enough)} times all that must be seen is in free view of a camera for {need}."

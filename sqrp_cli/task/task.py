@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 from itertools import combinations_with_replacement, pairwise, product
 from math import comb, prod
 
-from sqrp_cli.cell.recordings import EPISODE, RecordedTask
+from sqrp_cli.cell.recordings import EPISODE
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError, Problem, bad_input, bad_option, counted, expected_names
@@ -47,7 +47,8 @@ def read_task(text: str, workspace: Workspace, facts: frozenset[Atom] | None = N
 def _read_step(text: str, workspace: Workspace) -> Task:
     """A task of one step, such as `pickup object=g1 speed=0.5`.
 
-    The first word is a skill. `name=value` sets a parameter, and `name=a,b` tries several values or objects for it.
+    The first word is a skill, or a recording, whose parameter is the number of its episode.
+    `name=value` sets a parameter, and `name=a,b` tries several values or objects for it.
     Every other word is the name, the type, the colour or an attribute of an object; with several parameters, the words
     are for the parameters in order, each for one. Raises InputError if nothing matches.
     """
@@ -56,7 +57,11 @@ def _read_step(text: str, workspace: Workspace) -> Task:
         skills = ", ".join(f"`{name}`" for name in (*workspace.skills, *workspace.recordings))
         raise bad_input("empty-task", f"the task is empty; expected a skill ({skills}) and what to do it with")
     if (recorded := workspace.recordings.get(words[0])) is not None:
-        skill: Skill | None = recorded_skill(recorded, workspace)
+        from sqrp_cli.motion.recorded_motion import RecordedMotions  # few workspaces have any
+
+        motions = RecordedMotions(recorded, workspace.objects, workspace.robot.fingers)
+        episodes = MotionParameter(EPISODE, tuple(map(float, range(len(motions.recording.episodes)))))
+        skill: Skill | None = replace(recorded.skill, motion_parameters=(episodes,), recorded=motions)
     else:
         skill = named_skill(words[0], workspace.skills)
     if skill is None:
@@ -101,18 +106,6 @@ def _read_step(text: str, workspace: Workspace) -> Task:
         name = f"{EPISODE} {bound[EPISODE]:g}" if skill.recorded else " ".join(own) or skill.name
         found.append(Candidate(skill, binding, bound, branch=branch, name=name))
     return Task(text, skill, tuple(found))
-
-
-def recorded_skill(task: RecordedTask, workspace: Workspace) -> Skill:
-    """The skill that a recording is: its motion parameter is the number of the episode. Raises InputError for damage.
-
-    Its task has every episode as a candidate.
-    """
-    from sqrp_cli.motion.recorded_motion import RecordedMotions  # few workspaces have any
-
-    motions = RecordedMotions(task, workspace.objects, workspace.robot.fingers)
-    numbers = tuple(map(float, range(len(motions.recording.episodes))))
-    return replace(task.skill, motion_parameters=(MotionParameter(EPISODE, numbers),), recorded=motions)
 
 
 def longer_tasks(text: str, workspace: Workspace) -> Iterator[str]:

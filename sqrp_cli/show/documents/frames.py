@@ -45,29 +45,29 @@ def write_frames(cell: Cell, world: World, candidates: Iterable[Candidate], path
         for candidate in candidates:
             if not isinstance(recorded := candidate.skill.recorded, RecordedMotions):
                 raise bad_option(f"`{candidate.task}` is no recording, so it has no frames")
-            motion, t = feasible_motion(cell, candidate, world), recorded.frames(candidate)
+            motion, t = feasible_motion(cell, candidate, world), recorded.episode(candidate).times
             if isinstance(motion, Infeasible):
                 continue
             planned = planned_motion(cell, candidate, world, motion)
             samples = planned.stage.samples_at(t)
             required = planned.stage.requires(planned.targets, samples)
             phases = [motion.primitives[planned.stage.pieces[k].primitive].name for k in samples.piece.tolist()]
+            whose = {"episode": np.full(len(t), int(candidate.values["episode"])), "frame": np.arange(len(t)), "t": t}
             found = cell.observer.verdicts(planned.targets, planned.stage.states(samples))
             for column, (target, boxes) in enumerate(zip(planned.targets, found, strict=True)):
                 first, _ = first_failing(boxes, np.arange(len(t)))
                 for index, name in enumerate(names):
-                    codes, whose = first.cause[:, index].tolist(), first.by[:, index].tolist()
+                    causes = [Cause(code) for code in first.cause[:, index].tolist()]
+                    by = zip(causes, first.by[:, index].tolist(), strict=True)
                     rows = {
-                        "episode": np.full(len(t), int(candidate.values["episode"])),
-                        "frame": np.arange(len(t)),
-                        "t": t,
+                        **whose,
                         "phase": phases,
                         "target": [str(target.atom)] * len(t),
                         "camera": [name] * len(t),
                         "required": required[:, column],
                         "visible": pa.array(first.visible[:, index], from_pandas=True),
-                        "cause": [Cause(code).label for code in codes],
-                        "by": [cell.observer.by_name(Cause(c), b) for c, b in zip(codes, whose, strict=True)],
+                        "cause": [cause.label for cause in causes],
+                        "by": [cell.observer.by_name(*one) for one in by],
                     }
                     writer.write_table(pa.table(rows, schema=schema))
                     count += len(t)

@@ -40,14 +40,8 @@ def print_ranking(found: Ranking, *, all_rows: bool = False) -> None:
         say(sentences.first_answer(feasible[0], worst=found.worst_first), "bold")
         say_assumed(found.assumed if feasible[0].faults else "")
         say()
-    say(
-        joined(
-            [
-                (found.task, "bold"),
-                f" in {found.workspace}: {sentences.summary(found.candidates, found.by, worst=found.worst_first)}\n",
-            ]
-        )
-    )
+    summary = sentences.summary(found.candidates, found.by, worst=found.worst_first)
+    say(joined([(found.task, "bold"), f" in {found.workspace}: {summary}\n"]))
     if feasible:
         shown: Sequence[CandidateResult] = feasible
         if len(feasible) > MOST_ROWS and not all_rows:

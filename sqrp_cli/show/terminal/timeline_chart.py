@@ -95,22 +95,15 @@ def print_explanation(found: Explanation) -> None:
     says = {name.removeprefix("not "): target.says for name, target in found.targets.items()}
     if found.coverage:
         why = {(one.literal, one.camera, one.phase): SIGNS[one.cause][0] for one in found.coverage_causes}
-        shown = [
-            (
-                says[atom],
-                camera,
-                *(
-                    f"{100 * share[p.name]:.1f} {why.get((atom, camera, p.name), '█')}" if p.name in share else ""
-                    for p in found.phases
-                ),
-            )
-            for atom, cameras in found.coverage.items()
-            for camera, share in cameras.items()
-            if any(share.values())
-        ]
+        phases, rows = [one.name for one in found.phases], list[tuple[str, ...]]()
+        for atom, cameras in found.coverage.items():
+            for camera, share in ((one, share) for one, share in cameras.items() if any(share.values())):
+                signs = {phase: why.get((atom, camera, phase), "█") for phase in phases}
+                told = (f"{100 * share[one]:.1f} {signs[one]}" if one in share else "" for one in phases)
+                rows.append((says[atom], camera, *told))
         columns = [Column("seen in each phase\n[%]", shrink=True), Column("camera")]
         say()
-        print_table([*columns, *(Column(one.name, right=True) for one in found.phases)], _said_once(shown))
+        print_table([*columns, *(Column(one, right=True) for one in phases)], _said_once(rows))
     _print_unseen(found, says)
     if found.free_views is not None:
         say(f"\n{found.free_views.words}", "bold")
