@@ -15,12 +15,12 @@ from pydantic import Field, PlainSerializer
 
 from sqrp_cli.figures import Seconds
 from sqrp_cli.files.entries import FileRecord, SerializedAs
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Indices
 from sqrp_cli.logic.formula_time import TimeInterval, merge
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import Cause, CauseLabel, Reason
-from sqrp_cli.sight.observer import first_failing
+from sqrp_cli.sight.observer import first_failing, sees_all
 from sqrp_cli.skill.target_box import fact_words
 from sqrp_cli.study.analysis import Analysis
 from sqrp_cli.study.result import UnseenTime
@@ -28,31 +28,40 @@ from sqrp_cli.study.result import UnseenTime
 
 def cause_totals(cell: Cell, analysis: Analysis) -> tuple[UnseenTime, ...]:
     """Totals of every literal, camera and cause, the longest first within each literal."""
-    weights = sample_weights(analysis)
-    observation = analysis.timeline.observation
-    totals = []
-    for column, (target, boxes) in enumerate(zip(analysis.planned.targets, observation.full_matrix, strict=True)):
-        rows = np.flatnonzero(observation.required[:, column])
-        first, box_of = first_failing(boxes, rows)
-        sums: dict[tuple[int, ...], float] = defaultdict(float)
-        camera, at = np.nonzero(first.cause.T != Cause.NONE)
-        kinds = np.stack([camera, *(values[at, camera] for values in (first.cause, first.by, box_of))], axis=1)
-        for kind, weight in zip(kinds.tolist(), weights[rows[at]].tolist(), strict=True):
-            sums[tuple(kind)] += weight
-        found = [
-            UnseenTime(
-                literal=str(target.atom),
-                camera=cell.observer.cameras[index].name,
-                cause=cast("CauseLabel", Cause(cause).label),
-                by=cell.observer.by_name(Cause(cause), by),
-                seconds=seconds,
-                box=target.boxes[box].name if len(target.boxes) > 1 else None,
-            )
-            for (index, cause, by, box), seconds in sums.items()
-            if seconds > 0
-        ]
-        totals += sorted(found, key=lambda total: -total.seconds)
-    return tuple(totals)
+    required = analysis.timeline.observation.required
+    each = (_totals(cell, analysis, column, np.flatnonzero(rows)) for column, rows in enumerate(required.T))
+    return tuple(total for totals in each for total in totals)
+
+
+def _totals(
+    cell: Cell, analysis: Analysis, column: int, rows: Indices, phase: str | None = None
+) -> Sequence[UnseenTime]:
+    """For how long each camera does not see a target at some samples, for each cause, the longest first.
+
+    column: of the target. phase: in which they are, if that counts; then not for each box.
+    """
+    target, boxes = analysis.planned.targets[column], analysis.timeline.observation.full_matrix[column]
+    weights, sums = sample_weights(analysis)[rows], defaultdict[tuple[int, ...], float](float)
+    first, box_of = first_failing(boxes, rows)
+    each_box = phase is None and len(target.boxes) > 1
+    camera, at = np.nonzero(first.cause.T != Cause.NONE)
+    kinds = np.stack([camera, *(one[at, camera] for one in (first.cause, first.by, box_of * each_box))], axis=1)
+    for kind, weight in zip(kinds.tolist(), weights[at].tolist(), strict=True):
+        sums[tuple(kind)] += weight
+    found = [
+        UnseenTime(
+            literal=str(target.atom),
+            camera=cell.observer.cameras[index].name,
+            cause=cast("CauseLabel", Cause(cause).label),
+            by=cell.observer.by_name(Cause(cause), by),
+            seconds=seconds,
+            box=target.boxes[box].name if each_box else None,
+            phase=phase,
+        )
+        for (index, cause, by, box), seconds in sums.items()
+        if seconds > 0
+    ]
+    return sorted(found, key=lambda total: -total.seconds)
 
 
 ByPhase = Mapping[str, Mapping[str, Mapping[str, float]]]
@@ -64,39 +73,20 @@ def coverage_by_phase(cell: Cell, analysis: Analysis) -> tuple[ByPhase, tuple[Un
 
     The second has for each phase, camera and target the cause that takes most of the time.
     """
-    timeline, primitives = analysis.timeline, analysis.planned.motion.primitives
+    timeline, cameras = analysis.timeline, [camera.name for camera in cell.observer.cameras]
     weights, observation = sample_weights(analysis), timeline.observation
     phase = np.array([piece.primitive for piece in timeline.request.stage.pieces])[timeline.samples.piece]
     shares: dict[str, dict[str, dict[str, float]]] = {}
     causes = list[UnseenTime]()
     for column, (target, boxes) in enumerate(zip(analysis.planned.targets, observation.full_matrix, strict=True)):
-        atom = str(target.atom)
-        shares[atom] = {camera.name: {} for camera in cell.observer.cameras}
-        for number, one in enumerate(primitives):
+        of_cameras, sees = shares.setdefault(str(target.atom), {name: {} for name in cameras}), sees_all(boxes)
+        for number, one in enumerate(analysis.planned.motion.primitives):
             rows = np.flatnonzero(observation.required[:, column] & (phase == number))
-            if not (total := float(weights[rows].sum())):
-                continue
-            first, _ = first_failing(boxes, rows)
-            for index, camera in enumerate(cell.observer.cameras):
-                kinds, which = np.unique(
-                    np.stack([first.cause[:, index], first.by[:, index]]), axis=1, return_inverse=True
-                )
-                lasts, seen = np.bincount(which.ravel(), weights=weights[rows]), kinds[0] == Cause.NONE
-                shares[atom][camera.name][one.name] = float(lasts[seen].sum() / total)
-                lost = np.where(seen, 0.0, lasts)
-                worst = int(lost.argmax())
-                if lost[worst] > 0.0:
-                    cause = Cause(int(kinds[0, worst]))
-                    causes.append(
-                        UnseenTime(
-                            literal=atom,
-                            camera=camera.name,
-                            cause=cast("CauseLabel", cause.label),
-                            by=cell.observer.by_name(cause, int(kinds[1, worst])),
-                            seconds=float(lost[worst]),
-                            phase=one.name,
-                        )
-                    )
+            if total := float(weights[rows].sum()):
+                worst = {why.camera: why for why in _totals(cell, analysis, column, rows, one.name)[::-1]}
+                causes += [worst[name] for name in cameras if name in worst]
+                for name, seen in zip(cameras, sees[rows].T, strict=True):
+                    of_cameras[name][one.name] = float(weights[rows][seen].sum() / total)
     return shares, tuple(causes)
 
 
