@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import ceil
+
 import numpy as np
 
 from sqrp_cli.motion.cell import Cell
@@ -35,7 +37,8 @@ def free_views(cell: Cell, analysis: Analysis, needed: float) -> tuple[tuple[Fre
     need = f"{1000 * needed:.0f} ms"
     words = f"{len(enough)} times all that must be seen is in free view of a camera for {need}."
     if nearest is not None:
-        wait = f"wait {1000 * (needed - lasts[nearest]):.0f} ms at {0.5 * (nearest.start + nearest.end):.2f} s"
+        missing = ceil(1000 * (needed - lasts[nearest]) - 1e-6)  # rounded, it might be too short
+        wait = f"wait {missing} ms at {0.5 * (nearest.start + nearest.end):.3f} s"
         words = f"Never for {need}; to open a window, {wait}, in view of camera `{nearest.cameras[0]}`."
     elif not enough:
         words = f"Never for {need}: at no instant does one camera see all at once, so no wait helps; see advise."

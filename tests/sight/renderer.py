@@ -170,7 +170,7 @@ def _root(robot: Robot) -> str:
 def _urdf(robot: Robot) -> str:
     """Robot and tool as one URDF that MuJoCo reads, with absolute paths of meshes."""
     tree = ElementTree.parse(robot.urdf.path).getroot()  # noqa: S314
-    if robot.tool is not None:
+    if robot.tool is not None and robot.tool.file is not None:
         tool = ElementTree.parse(robot.tool.file).getroot()  # noqa: S314
         carried = {joint.find("child").get("link") for joint in tool.iter("joint")}
         mount = next(link.get("name") for link in tool.iter("link") if link.get("name") not in carried)
