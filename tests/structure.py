@@ -30,7 +30,7 @@ ROOMS = {
     "camera": ("camera", 2_306),
     "cell": ("cell", 3_573),
     "logic": ("logic", 2_339),
-    "skill, program, recording": ("skill program recording", 2_794),
+    "skill, program, recording": ("skill program recording", 2_793),
     "task": ("task", 991),
     "motion": ("motion", 2_940),
     "sight": ("kernel sight", 1_506),

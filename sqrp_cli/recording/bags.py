@@ -36,19 +36,16 @@ def joint_tracks(states: Iterable[tuple[str, float, Sequence[str], Sequence[floa
                 times, values = points.setdefault((topic, name), (array("d"), array("d")))
                 times.append(t)
                 values.append(float(position))
-    found: dict[tuple[str, str], tuple[Array, Array]] = {}
-    for key, (times, values) in points.items():
-        order, first = np.unique(np.array(times), return_index=True)
-        found[key] = (order, np.array(values)[first])
-    return found
+    firsts = {key: np.unique(np.array(times), return_index=True) for key, (times, _) in points.items()}
+    return {key: (rising, np.array(points[key][1])[first]) for key, (rising, first) in firsts.items()}
 
 
 def open_bag(path: Path, rate: float | None, signal: str | None) -> Recording:
     """The joint states of a bag, which is one episode; signal: the topic, by default all.
 
-    A name that several topics have is that of `STANDARD`; on others it is led by its topic, as in `left/joint_1`.
-    States count at their stamps, at their arrival if some have none. All are brought to the times of the joint with the
-    most states, linearly, where all are known; a joint that is known for less than `LEAST_SHARE` is left out.
+    A name that several topics have is that of `STANDARD`; on others it is led by its topic, as in `left/joint_1`. All
+    are brought to the times of the joint with the most states, linearly, where all are known; a joint that is known for
+    less than `LEAST_SHARE` is left out.
     """
     check_kind(path)
     tracks = _tracks(path, signal)
@@ -70,7 +67,10 @@ def open_bag(path: Path, rate: float | None, signal: str | None) -> Recording:
 
 
 def _tracks(path: Path, signal: str | None) -> JointTracks:
-    """The tracks of a bag. Raises InputError without any, for clocks that go back, and counts that do not fit."""
+    """The tracks of a bag, by the stamps of its states, or by their arrival if only some have one.
+
+    Raises InputError without any, for clocks that go back, and counts that do not fit.
+    """
     with Bag(path) as bag:
         topics = [topic.name for topic in bag.topics if topic.type == JOINTS and topic.messages]
         chosen = [topic for topic in topics if signal in (None, topic)]

@@ -58,11 +58,9 @@ def open_dataset(path: Path, rate: float | None, signal: str | None) -> Recordin
         raise bad_input("wrong-value", message, Place(info), mend="convert it with the scripts of LeRobot") from error
     if len(names) != width:  # without names, or with one for all
         names = [f"{feature.rpartition('.')[2]}_{index}" for index in range(width)]
-    files: dict[int, Path] = {}
-    if is_v2 := version[0] == "2":  # of one that was fetched in part, the episodes that are there
-        files = {
-            int(file.stem[8:]): file for file in path.glob("data/*/episode_[0-9][0-9][0-9][0-9][0-9][0-9].parquet")
-        }
+    is_v2 = version[0] == "2"  # of one that was fetched in part, the episodes that are there
+    own = path.glob(f"data/*/episode_{6 * '[0-9]'}.parquet") if is_v2 else ()
+    files = {int(file.stem[8:]): file for file in own}
     for table in () if is_v2 else sorted(path.glob("meta/episodes/*/*.parquet")):
         with _opened(table, _PLACE) as parquet:
             if parquet.metadata.num_rows > _MOST_EPISODES:

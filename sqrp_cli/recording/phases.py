@@ -87,15 +87,15 @@ def find_grasps(times: Array, closed: Array, limit: float, empty: float) -> list
             closing = after + int(np.flatnonzero(s[after:first] >= far)[-1])
             start = closing + int(np.argmax(s[closing:last] <= near))
             end, opened = None, float(times[-1])
-            if last < len(s):
-                open_after = float(s[last:following].max())
-                near, far = (held + share * (open_after - held) for share in (SETTLED, 1.0 - SETTLED))
-                end = float(times[start + int(np.flatnonzero(s[start:last] <= near)[-1])])
-                opened = float(times[last + int(np.argmax(s[last:following] >= far))])
             if gone < last:
                 least = held - SETTLED * (held - float(s[gone]))
                 end = float(times[start + int(np.flatnonzero(s[start:gone] >= least)[-1])])
                 opened = float(times[gone])
+            elif last < len(s):
+                open_after = float(s[last:following].max())
+                near, far = (held + share * (open_after - held) for share in (SETTLED, 1.0 - SETTLED))
+                end = float(times[start + int(np.flatnonzero(s[start:last] <= near)[-1])])
+                opened = float(times[last + int(np.argmax(s[last:following] >= far))])
             found.append(Grasp(float(times[closing]), float(times[start]), end, opened))
         after = last
     return found

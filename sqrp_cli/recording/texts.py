@@ -48,10 +48,7 @@ _OURS = "position_"
 def open_table(path: Path, rate: float | None, _signal: str | None) -> Recording:
     """A table; with a column `episode_index` it has several episodes, one after the other.
 
-    Columns are divided by `;`, tabs, `,`, `|` or blanks, whichever the line of names has; where that is no comma,
-    numbers may have decimal commas. Lines that begin with `#` or `%` are left out. The column `time`, `t`, `timestamp`
-    or the like has seconds, unless it says otherwise, as in `time_ms` or `Time [ms]`, or dates as in ISO 8601. All
-    other columns of numbers are joints. Raises InputError, with the line, for what is no number.
+    All other columns of numbers but that of times are joints. Raises InputError, with the line, for what is no number.
     """
     columns, where = _columns(path), Place(path)
     clock, chapter = (next(filter(pattern.fullmatch, columns), None) for pattern in (_TIME, _EPISODE))
@@ -80,7 +77,11 @@ def open_table(path: Path, rate: float | None, _signal: str | None) -> Recording
 
 
 def _columns(path: Path) -> Mapping[str, Array]:
-    """The columns of numbers of a table by name, (n,) each, that of times in seconds; text is left out."""
+    """The columns of numbers of a table by name, (n,) each, that of times in seconds; text is left out.
+
+    They are divided by `;`, tabs, `,`, `|` or blanks, whichever the line of names has; where that is no comma, numbers
+    may have decimal commas. Lines that begin with `#` or `%` are left out.
+    """
     at, commas = 0, False
     with open_input(path, MAX_BYTES) as file, TextIOWrapper(file, "utf-8-sig", errors="replace") as text:
 
