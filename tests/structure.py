@@ -34,7 +34,7 @@ ROOMS = {
     "task": ("task", 991),
     "motion": ("motion", 2_940),
     "sight": ("kernel sight", 1_506),
-    "study": ("study", 4_592),
+    "study": ("study", 4_595),
     "search": ("search", 4_314),
     "checks": ("checks", 1_396),
     "run": ("run", 7_336),
