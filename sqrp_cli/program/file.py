@@ -16,7 +16,7 @@ from typing import Any
 
 import yaml
 
-from sqrp_cli.cell.canonical_values import digest_of_values, what_changed, with_skills
+from sqrp_cli.cell.canonical_values import begins_in, digest_of_values, what_changed, with_skills
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.cell.workspace_file import shortest_path
@@ -127,17 +127,23 @@ def made_for(program: Program, path: Path, workspace: Workspace) -> Program:
     return program.model_copy(update={"workspace": where, "digest": digest_of_values(said), "made_for": said})
 
 
-def check_program(program: Program, path: Path, workspace: Workspace) -> None:
-    """Raises InputError if a program was made for another workspace, or if either has changed since in what matters."""
+def check_program(program: Program, path: Path, workspace: Workspace, replaced: int = 0) -> bool:
+    """Raises InputError if a program was made for another workspace, or if either has changed since in what matters.
+
+    replaced: how many of its last steps are about to be. Where these are all, and start from the world that the
+    workspace stated, that may have changed: True then, as all of the program is written anew.
+    """
     where, doubt = workspace_path(program, path), stale(program, path, workspace)
     if where != workspace.path and (where.exists() or doubt is not None):
         raise bad_input("other-workspace", f"this program was made for {where}, not for {workspace.path}", Place(path))
-    if doubt is not None:
+    anew = doubt is not None and replaced == len(program.steps) > 0
+    if doubt is not None and not (anew and begins_in(program.made_for, program.steps[0].before)):
         raise InputError(doubt)
-    if found := list(flaws_in(program, workspace)):
+    if not anew and (found := list(flaws_in(program, workspace))):
         document = read_yaml(path, keys=_KEYS)
         raise InputError(*(document.problem(*flaw) for flaw in found))
     check_unedited(program, path)
+    return anew
 
 
 def check_unedited(program: Program, path: Path) -> None:

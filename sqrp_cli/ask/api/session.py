@@ -44,6 +44,9 @@ class Session:
     again: int = 0
     """How many of the last steps of the program that is written are of this task already: they are replaced."""
 
+    anew: bool = False
+    """Whether these are all its steps, of the workspace before it was changed: the program is written anew."""
+
     windows: float | None = None
     """How long a camera needs a free view, if that is asked for [s]."""
 
@@ -57,24 +60,19 @@ class Session:
         """Read the task, and load the world to start from: that in which the program `after` ends, or the workspace's.
 
         written: the program to be continued, where it ends; one whose last step is of the same task, from the same
-        world, is made again from there on, unless `after` names it, too. Raises InputError for input that cannot be
-        used.
+        world, is made again from there on, unless `after` names it, too. Where that is all of it, the workspace may
+        have changed since it was written. Raises InputError for input that cannot be used.
         """
-
-        def steps_in(path: Path) -> tuple[Step, ...]:
-            from sqrp_cli.program.file import check_program, load_program
-
-            program = load_program(path)
-            check_program(program, path, cell.workspace)
-            return program.steps
+        from sqrp_cli.program.file import check_program, load_program
 
         after = None if ask.after is None else Path(ask.after)
-        steps, again = () if after is None else steps_in(after), 0
-        world = steps[-1].after if steps else cell.initial_world
+        world, again, anew = cell.initial_world, 0, False
+        if after is not None:
+            before = load_program(after)
+            check_program(before, after, cell.workspace)
+            world = before.steps[-1].after if before.steps else world
         if written is not None and written.exists() and (after is None or real_path(after) != real_path(written)):
-            there = steps_in(written)
-            again = _steps_of_task(there, ask.task, cell.workspace)
-            start = there[-again].before if again else there[-1].after if there else cell.initial_world
+            again, start, anew = _goes_on(written, ask.task, cell)
             if after is not None and not (again and _same(start, world)):
                 raise _continues_elsewhere(written, after)
             world = start
@@ -84,7 +82,7 @@ class Session:
         job = ask.job(cell, world)
         if job.wanted.fastest:
             task = replace(task, candidates=tuple(map(first_grip, task.candidates)))
-        return cls(task, job, again, getattr(ask, "windows", None))
+        return cls(task, job, again, anew, getattr(ask, "windows", None))
 
     def ranking(self, found: Sequence[CandidateResult], ask: RankRequest, *, interrupted: bool = False) -> Ranking:
         """What is found of the candidates, ranked; interrupted: whether some are missing."""
@@ -133,17 +131,14 @@ class Session:
 
     def write(self, ranking: Ranking, path: str | Path, choose: str) -> None:
         """Write a candidate of a ranking into a program file; see `Ranking.write`."""
-        from sqrp_cli.program.file import load_program
-
         file = values.path.read(path, "path")
         values.text("the name of a candidate, or `best`").read(choose, "choose")
         check_choice(self.task, choose)
         chosen = choose_candidate(ranking.candidates, choose)
         if not chosen.feasible:
             raise bad_option(f"{chosen.name} cannot be done ({chosen.reasons[0]}), so {file} was not written")
-        there = load_program(file).steps if file.exists() else ()
-        again = _steps_of_task(there, self.task.text, self.cell.workspace)
-        replaced = again if again and _same(there[-again].before, self.job.world) else 0
+        again, start, _ = _goes_on(file, self.task.text, self.cell) if file.exists() else (0, self.job.world, False)
+        replaced = again if _same(start, self.job.world) else 0
         add_steps(self.cell, steps_of(self, chosen), self.job.sampling, file, replaced)
 
 
@@ -166,6 +161,17 @@ def _same(one: World, other: World) -> bool:
 
     dump = TypeAdapter(World).dump_python
     return bool(dump(one) == dump(other))
+
+
+def _goes_on(path: Path, text: str, cell: Cell) -> tuple[int, World, bool]:
+    """How many last steps of a program a task replaces, the world it starts from, and whether that is all anew."""
+    from sqrp_cli.program.file import check_program, load_program
+
+    steps = (program := load_program(path)).steps
+    again = _steps_of_task(steps, text, cell.workspace)
+    anew = check_program(program, path, cell.workspace, again)
+    start = cell.initial_world if anew or not steps else steps[-again].before if again else steps[-1].after
+    return again, start, anew
 
 
 def _steps_of_task(steps: Sequence[Step], text: str, workspace: Workspace) -> int:
@@ -310,10 +316,8 @@ def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path:
         step = make_step(task, found, chosen, cameras)
         added.append(with_usual_images(step, found, cell.observer))
     with alone(path):
-        if path.exists():
-            program = load_program(path)
-            check_program(program, path, cell.workspace)
-        else:
+        program = load_program(path) if path.exists() else None
+        if program is None or check_program(program, path, cell.workspace, replaced):
             program = new_program(cell.workspace, cell.model.joints, path)
         there = program.steps[: len(program.steps) - replaced]
         program = program.model_copy(update={"steps": (*there, *added)})

@@ -193,6 +193,8 @@ def _write_chosen(session: Session, found: Ranking, choose: str, program: Path |
         return ExitCode.OK, "" if choose == "best" else f"{chosen.name} is chosen; --program FILE writes it"
     steps = steps_of(session, chosen)
     add_steps(session.cell, steps, session.job.sampling, program, session.again)
+    if session.anew:
+        return ExitCode.OK, f"{program} was of the cell before; written anew with {chosen.name}"
     where = f"the last {f'{len(steps)} steps' if len(steps) > 1 else 'step'} of {program}"
     written = f"replaces {where}: the task is the same" if session.again else f"is now {where}"
     return ExitCode.OK, f"{chosen.name} {written}"
