@@ -14,7 +14,7 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, get_args
 
 import numpy as np
 from pydantic import BaseModel
@@ -26,9 +26,6 @@ from sqrp_cli.geometry import matrix_to_quaternion, quaternion_to_matrix
 from sqrp_cli.robot.robot import Robot
 from sqrp_cli.shapes import Box, Mesh, Shape
 from sqrp_cli.skill.settings import MotionParameter
-
-if TYPE_CHECKING:
-    from sqrp_cli.cell.workspace import World
 
 Plain = str | bool | int | float | tuple[float, ...] | None
 CanonicalValues = Mapping[str, Mapping[str, Plain]]
@@ -116,14 +113,6 @@ def without_words(values: CanonicalValues) -> CanonicalValues:
 def digest_of_values(values: CanonicalValues) -> str:
     """SHA-256 of values, whatever their order."""
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
-
-
-def begins_in(values: CanonicalValues, world: World) -> bool:
-    """Whether a workspace with these values begins in a world: the facts, where objects lie, and the arm at home."""
-    here = [(f"object {name}", "pose", _plain(X)) for name, X in world.X_WO.items() if name != world.held]
-    here += [(f"joint {name}", "home", _plain(position)) for name, position in world.joints.items()]
-    same = all(values.get(subject, {}).get(name, value) == value for subject, name, value in here)
-    return bool(values) and same and {*values.get("state", {})} == {*map(str, world.facts)}
 
 
 def what_changed(before: CanonicalValues, now: CanonicalValues, skills: Collection[str]) -> tuple[str, ...]:

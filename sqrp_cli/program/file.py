@@ -16,7 +16,7 @@ from typing import Any
 
 import yaml
 
-from sqrp_cli.cell.canonical_values import begins_in, digest_of_values, what_changed, with_skills
+from sqrp_cli.cell.canonical_values import canonical_values, digest_of_values, what_changed, with_skills
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.cell.workspace_file import shortest_path
@@ -137,13 +137,25 @@ def check_program(program: Program, path: Path, workspace: Workspace, replaced: 
     if where != workspace.path and (where.exists() or doubt is not None):
         raise bad_input("other-workspace", f"this program was made for {where}, not for {workspace.path}", Place(path))
     anew = doubt is not None and replaced == len(program.steps) > 0
-    if doubt is not None and not (anew and begins_in(program.made_for, program.steps[0].before)):
+    if doubt is not None and not (anew and _begins_as_stated(program)):
         raise InputError(doubt)
     if not anew and (found := list(flaws_in(program, workspace))):
         document = read_yaml(path, keys=_KEYS)
         raise InputError(*(document.problem(*flaw) for flaw in found))
     check_unedited(program, path)
     return anew
+
+
+def _begins_as_stated(program: Program) -> bool:
+    """Whether a program starts in the world of its workspace as that was: the facts, where objects lie, arm at home."""
+    said, world = program.made_for, program.steps[0].before
+    here = canonical_values(world, {})
+    lying = (
+        said.get(f"object {name}", {}).get("pose") == here[f"X_WO {name}"][""] for name in {*world.X_WO} - {world.held}
+    )
+    joints = ((said.get(f"joint {name}", {}), here[f"joint {name}"][""]) for name in world.joints)
+    home = (one.get("home", position) == position for one, position in joints)
+    return {*said.get("state", {})} == {*map(str, world.facts)} and all(lying) and all(home)
 
 
 def check_unedited(program: Program, path: Path) -> None:
