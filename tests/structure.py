@@ -30,7 +30,7 @@ ROOMS = {
     "camera": ("camera", 2_306),
     "cell": ("cell", 3_573),
     "logic": ("logic", 2_339),
-    "skill, program, recording": ("skill program recording", 2_793),
+    "skill, program, recording": ("skill program recording", 2_811),
     "task": ("task", 991),
     "motion": ("motion", 2_940),
     "sight": ("kernel sight", 1_506),
@@ -41,7 +41,7 @@ ROOMS = {
     "field": ("field ros", 2_931),
     "score": ("score", 2_321),
     "show": ("show", 5_199),
-    "ask": ("ask cli __init__ __main__", 5_356),
+    "ask": ("ask cli __init__ __main__", 5_362),
     "studio": ("studio", 1_764),
     "starter, platform": ("starter platform", 2_424),
 }
