@@ -55,7 +55,8 @@ def guess_joints(
     """
     joints, found = {_plain(joint): joint for joint in limits}, defaultdict[str, list[str]](list)
     for name in recording.names:
-        if (known := joints.get(_plain(name))) is not None:
+        one_side = _plain(name).removeprefix("left").removeprefix("right")
+        if (known := joints.get(_plain(name), joints.get(one_side))) is not None:
             found[known].append(name)
     if two := next(((joint, names) for joint, names in found.items() if len(names) > 1), None):
         message = f"{first_names(two[1])} may each be joint `{two[0]}`: two arms, or states and commands of one"

@@ -61,6 +61,7 @@ def test_a_gripper_that_closes_upwards_is_closed_at_0():
     ("names", "says"),
     [
         (["left/shoulder_pan.pos", "right/shoulder_pan.pos"], "two arms"),
+        (["left_shoulder_pan.pos", "right_shoulder_pan.pos"], "two arms"),
         (["x", "y"], "none of its names is a joint of the robot"),
     ],
 )
