@@ -148,7 +148,6 @@ class RecordingEntry(Entry):
 class RecordedTask:
     """A recording of a workspace as a task."""
 
-    name: str
     file: Path
     """Of the recording, or its folder."""
     entry: RecordingEntry
@@ -233,4 +232,4 @@ def recorded_task(
         }
     )
     skill = SkillReader(document.part(at), said, domain, action, problems).read(document.folder / name)
-    return RecordedTask(name=name, file=file, entry=entry, skill=skill)
+    return RecordedTask(file=file, entry=entry, skill=skill)

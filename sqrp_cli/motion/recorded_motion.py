@@ -45,16 +45,6 @@ def opened(file: Path, signal: str | None = None, rate: float | None = None, _ch
 
 
 @dataclass(frozen=True, eq=False)
-class _Taken:
-    """A grasp, and of the object that it takes, if that is known, poses in the tool frame and afterwards, (4, 4)."""
-
-    grasp: Grasp
-    name: str | None = None
-    X_TO: Array | None = None
-    X_WO: Array | None = None
-
-
-@dataclass(frozen=True, eq=False)
 class RecordedMotions:
     """The motions of a recording's episodes, by the parameter `episode`."""
 
@@ -85,8 +75,8 @@ class RecordedMotions:
         if len(t) < 2:
             return Infeasible(("it has one state, so there is no motion",))
         moved = joint_positions(self.task, recording, model.joints, episode)
-        rests = (np.full(len(t), world.joints.get(name, 0.0)) for name in model.joints)
-        q = np.column_stack([moved.get(name, rest) for name, rest in zip(model.joints, rests, strict=True)])
+        still = np.ones(len(t))
+        q = np.column_stack([moved.get(name, world.joints.get(name, 0.0) * still) for name in model.joints])
 
         def positions(at: float) -> Array:
             return np.array([np.interp(at, t, column) for column in q.T])
@@ -94,36 +84,37 @@ class RecordedMotions:
         # What each grasp takes. An object begins as stated, else upright at the tool when that first takes it.
         stated = {name: read_only(one.pose.matrix()) for name, one in objects.items() if one.pose is not None}
         initial = {**world.X_WO, **stated}
-        now, taken, missed = dict(initial), list[_Taken](), list[str]()
+        now, missed = dict(initial), list[str]()
+        taken, carried, rests = list[Grasp](), list[tuple[str | None, Array | None]](), [initial]
         for grasp in grasps_of(self.task, recording, moved, episode, self.fingers):
-            if (name := self.task.held_in(len(taken), grasp.start)) is None:
-                taken.append(_Taken(grasp))
-                continue
-            X_WT, size = model.tool_pose(positions(grasp.start)), self.objects[name].size
-            if name not in now:
-                yaw = float(np.arctan2(X_WT[1, 0], X_WT[0, 0]))
-                ahead = 0.0 if model.fingers.joints else 0.5 * size[2]  # of what sticks to its tip
-                upright = pose(rpy_to_matrix((0.0, 0.0, yaw)), X_WT[:3, 3] + ahead * X_WT[:3, 2])
-                now[name] = initial[name] = read_only(upright)
-            away = np.abs(transform(inverse(now[name]), X_WT[:3, 3])) - 0.5 * np.array(size)
-            if (far := float(np.linalg.norm(np.maximum(away, 0.0)))) > REACH:
-                missed.append(f"at {grasp.start:.1f} s the gripper closes {far:.2f} m away from `{name}`")
-                continue
-            in_tool, end = read_only(inverse(X_WT) @ now[name]), float(t[-1]) if grasp.end is None else grasp.end
-            now[name] = read_only(model.tool_pose(positions(end)) @ in_tool)
-            taken.append(_Taken(grasp, name, in_tool, now[name]))
-        if missed and not any(one.name for one in taken):
+            X_TO: Array | None = None
+            if (name := self.task.held_in(len(taken), grasp.start)) is not None:
+                X_WT, size = model.tool_pose(positions(grasp.start)), self.objects[name].size
+                if name not in now:
+                    yaw = float(np.arctan2(X_WT[1, 0], X_WT[0, 0]))
+                    ahead = 0.0 if model.fingers.joints else 0.5 * size[2]  # of what sticks to its tip
+                    upright = pose(rpy_to_matrix((0.0, 0.0, yaw)), X_WT[:3, 3] + ahead * X_WT[:3, 2])
+                    now[name] = initial[name] = read_only(upright)
+                away = np.abs(transform(inverse(now[name]), X_WT[:3, 3])) - 0.5 * np.array(size)
+                if (far := float(np.linalg.norm(np.maximum(away, 0.0)))) > REACH:
+                    missed.append(f"at {grasp.start:.1f} s the gripper closes {far:.2f} m away from `{name}`")
+                    continue
+                X_TO = read_only(inverse(X_WT) @ now[name])
+                X_WT = model.tool_pose(positions(float(t[-1]) if grasp.end is None else grasp.end))
+                now[name] = read_only(X_WT @ X_TO)
+            taken.append(grasp)
+            carried.append((name, X_TO))
+            rests.append(dict(now))
+        if missed and not any(name for name, _ in carried):
             return Infeasible(tuple(missed))
         if missing := [name for name in objects if name not in initial]:
             return Infeasible((f"nothing is grasped in it, so it is not known where `{missing[0]}` is",))
 
         # Its phases: while an object is carried it moves with the tool, afterwards it is where that let it go.
         primitives, held, X_TO = list[TimedPrimitive](), None, None
-        for phase, start, end, number in phases([one.grasp for one in taken], float(t[-1])):
-            own = taken[number] if taken and phase.startswith("carry") else None
-            held, X_TO = (own.name, own.X_TO) if own else (None, None)
-            over = taken[: number + phase.startswith(("release", "retreat"))]
-            rest = {**initial, **{one.name: one.X_WO for one in over if one.name and one.X_WO is not None}}
+        for phase, start, end, number in phases(taken, float(t[-1])):
+            held, X_TO = carried[number] if taken and phase.startswith("carry") else (None, None)
+            rest = {**initial, **rests[number + phase.startswith(("release", "retreat"))]}
             inside = (t > start + 1e-9) & (t < end - 1e-9)
             times = np.concatenate([[start], t[inside], [end]])
             knots = np.concatenate([positions(start)[None], q[inside], positions(end)[None]])
