@@ -139,11 +139,14 @@ def without_hue(workspace: Workspace) -> dict[str | None, list[str]]:
     return found
 
 
-def assumptions(workspace: Workspace, named: Collection[str]) -> str:
-    """What figures assume of detectors and cameras, in words; empty where nothing is. named: objects that count."""
+def assumptions(workspace: Workspace, named: Collection[str], cameras: Collection[Camera] | None = None) -> str:
+    """What figures assume of detectors and cameras, in words; empty where nothing is.
+
+    named: objects that count. cameras: instead of the workspace's.
+    """
     unseen = [name for names in without_hue(workspace).values() for name in names if name in named]
     seen = [f"a detector is assumed that sees {first_names(unseen)}, whose colour none here sees"] if unseen else []
-    return "; ".join(filter(None, (*seen, assumed_latency(workspace.cameras.values()))))
+    return "; ".join(filter(None, (*seen, assumed_latency(workspace.cameras.values() if cameras is None else cameras))))
 
 
 def _sought_by_color(workspace: Workspace) -> list[SceneObject]:

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from sqrp_cli.camera.camera import Camera, assumed_latency
+from sqrp_cli.camera.camera import Camera
 from sqrp_cli.cell.mounts import Site
 from sqrp_cli.figures import AdvisedFigures
 from sqrp_cli.files.entries import from_fields
@@ -309,7 +309,6 @@ class CameraPlacer:
                 fastest=len(table.ways) == len(table.candidates),
             ),
             interrupted=self._stopped or None,
-            assumed=assumed_latency(cell.observer.cameras),
             question=question,
             cell=cell,
             seen=seen,

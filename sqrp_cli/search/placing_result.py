@@ -237,7 +237,7 @@ class PlaceDocument(WorkspaceDocument):
     interrupted: bool | None = field(default=None, metadata=LEFT_OUT)
     """True if Ctrl-C came before the proof was complete."""
     assumed: str = ""
-    """What delays assume of the cameras, in words; empty where all state their latency."""
+    """What delays assume of detectors and cameras, in words; empty where nothing is assumed."""
 
     question: Any = live()
     """The `PlaceQuestion`."""

@@ -396,7 +396,7 @@ class Skill:
         for one in self.requirements:
             if one.name is not None:
                 used = re.findall(r"([A-Za-z_]\w*)\.(?:start|end)\b", one.stated.formula)
-                when = " to ".join(dict.fromkeys(self.pieces[name] for name in used if name in self.pieces))
+                when = " until ".join(dict.fromkeys(self.pieces[name] for name in used if name in self.pieces))
                 said[one.name] = one.stated.words or f"`{one.name}` happens{f' ({when})' if when else ''}"
         return said
 

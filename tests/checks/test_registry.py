@@ -33,6 +33,7 @@ NO_CODES = {
     "joints-loss", "joints-frozen", "joints-latency",  # and to its joint states
     "scale-up", "scale-down",  # words of PDDL
     "system-out",  # an element of JUnit's format
+    "frame-id", "child-frame-id",  # options of ROS's publisher of a transform
     "no-referrer", "no-store", "same-origin",  # headers of HTTP
     "job-ended", "saved-ranking",  # messages of the studio to its page
     "run-began", "run-doing", "run-ended", "run-event", "run-evidence", "run-fault", "run-image", "run-state",

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from sqrp_cli.cell.edits import with_cameras
 from sqrp_cli.cell.mounts import Mounts, place_file, read_mounts
 from sqrp_cli.cell.workspace_file import read_again
+from sqrp_cli.checks.lint import assumptions
 from sqrp_cli.errors import bad_input, bad_option, expected_names
 from sqrp_cli.files.yaml_edit import patch
 from sqrp_cli.score.kept import Results
@@ -79,6 +80,8 @@ def find_placement(
         asked = replace(question, verdicts=verdicts)
         placer = CameraPlacer(asked, request.progress, watch, seconds=seconds, gap=0.01 * request.gap)
         found = placer.place()
+    named = {name for task in question.tasks for one in task.candidates for name in one.binding.values()}
+    found = replace(found, assumed=assumptions(workspace, named, found.cell.observer.cameras))
     file = read_again(workspace.whole_file.file, workspace.files["workspace"].digest, content)
     if not found.cameras:
         return replace(found, file=file, content=file.content)

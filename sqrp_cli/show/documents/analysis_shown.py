@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from sqrp_cli.camera.camera import assumed_latency
 from sqrp_cli.camera.detector import COEFFICIENTS
+from sqrp_cli.checks.lint import assumptions
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.geometry import Array, box_corners, finite_or_none, transform
 from sqrp_cli.motion.cell import Cell
@@ -104,7 +104,7 @@ def analysis_shown(
         coverage_causes=causes,
         hidden=() if views is None else in_the_way(cell, analysis, views),
         to_move=() if views is None else to_move(cell, analysis, views),
-        assumed=assumed_latency(cell.observer.cameras),
+        assumed=assumptions(cell.workspace, planned.candidate.binding.values(), cell.observer.cameras),
     )
 
 
