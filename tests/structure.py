@@ -37,7 +37,7 @@ ROOMS = {
     "study": ("study", 4_595),
     "search": ("search", 4_313),
     "checks": ("checks", 1_399),
-    "run": ("run", 7_336),
+    "run": ("run", 7_332),
     "field": ("field ros", 2_931),
     "score": ("score", 2_321),
     "show": ("show", 5_199),

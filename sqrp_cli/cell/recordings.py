@@ -50,7 +50,7 @@ def _instant(value: object) -> float | str:
 Instant = Annotated[
     float | str,
     PlainValidator(_instant),
-    WithJsonSchema({"anyOf": [{"type": "number", "minimum": 0, "maximum": LONGEST}, {"type": "string"}]}),
+    WithJsonSchema({"type": ["number", "string"], "minimum": 0, "maximum": LONGEST}),
 ]
 
 

@@ -128,7 +128,6 @@ _MEANT = {
     "quat": ("quaternion",),
 }
 """Keys as other tools call them, each with those here that may be meant."""
-_DIAGONAL = ("diagonal_fov", "dfov", "diagonal")
 
 
 def _with_declared_keys(record: type, keys: Mapping[str, bool], data: object) -> object:
@@ -145,13 +144,14 @@ def _with_declared_keys(record: type, keys: Mapping[str, bool], data: object) ->
     for key in (str(one) for one in data if one not in keys):
         meant = [name for name in _MEANT.get(key.lower(), ()) if name in keys]
         unknown[key] = f"did you mean `{meant[0]}`?" if meant else expected_names(key, keys)
-        if key.lower() in _DIAGONAL and "horizontal_fov" in keys:
-            size = [units.read_quantity(data.get(name)) for name in ("width", "height")]
-            (width, height), angle = (one and one.value for one in size), units.read_quantity(data[key])
-            half = 0.0 if angle is None else (angle.value if angle.dimension else np.radians(angle.value)) / 2
-            if width and height and 0.0 < half < np.pi / 2:
-                wide = np.degrees(2 * np.arctan(np.tan(half) * width / np.hypot(width, height)))
-                unknown[key] = f"write `horizontal_fov: {wide:.4g} deg`, which this diagonal means"
+        stated = [units.read_quantity(data.get(name)) for name in ("width", "height", key)]
+        if key.lower() in ("diagonal_fov", "dfov") and "horizontal_fov" in keys and None not in stated:
+            width, height, angle = (one.value for one in stated if one is not None)
+            half = (angle if stated[2] and stated[2].dimension else np.radians(angle)) / 2
+            wide = np.degrees(2 * np.arctan(np.tan(half) * width / np.hypot(width, height)))
+            unknown[key] = (
+                f"write `horizontal_fov: {wide:.4g} deg`, which this diagonal means" if wide > 0 else "use `fx`"
+            )
     if unknown:
         raise PydanticCustomError("unknown-key", "unknown key", {"keys": unknown})
     return data

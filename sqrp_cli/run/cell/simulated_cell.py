@@ -103,8 +103,8 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
         self._steps, self._squared_error = 0, 0.0
         self.misses_next_grasp = False
         """Whether the next `grasp` does nothing."""
-        # What slips out of the fingers, and from which place along the tool's z axis on it is outside [m].
-        self._slipping: tuple[str, float] | None = None
+        # The body that slips out of the fingers, 0 for none, and from where along the tool's z axis it is outside [m].
+        self._slipping = 0, 0.0
         # How each motor closes its finger: force with its sign [N or Nm], greatest speed [m/s or rad/s].
         self._pushes: list[tuple[int, float, float]] = []
         if robot.fingers is not None:
@@ -161,10 +161,10 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
             error = data.xpos[self._carrier] - controller.scratch.xpos[self._carrier]
             self._squared_error += float(error @ error)
             self._steps += 1
-            if self._slipping is not None:
-                obj, outside = self._slipping
-                if (inverse(self.tool_pose()) @ body_pose(data, model.body(obj).id))[2, 3] > outside:
-                    self._push()
+            body, outside = self._slipping
+            if body and (inverse(self.tool_pose()) @ body_pose(data, body))[2, 3] > outside:
+                self._slipping = 0, 0.0
+                self.grasp()
         mujoco.mj_kinematics(model, data)
         return t
 
@@ -177,10 +177,10 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
         if self.misses_next_grasp:
             self.misses_next_grasp = False
             return
-        self._push()
-        if self._pushes:
+        for push in self._pushes:
             self.model.geom_friction[self._pads] = FRICTION
-        else:
+            self._controller.lead(*push)
+        if not self._pushes:
             model, gaps, far = self.model, list[tuple[float, str]](), 10 * SUCTION_REACH
             for obj in self._welds:
                 body = model.body(obj)
@@ -192,12 +192,6 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
             if gap <= SUCTION_REACH:
                 self._weld(obj)
 
-    def _push(self) -> None:
-        """Close the fingers with their force."""
-        self._slipping = None
-        for push in self._pushes:
-            self._controller.lead(*push)
-
     def _weld(self, obj: str) -> None:
         """Fix an object where it is relative to the tool."""
         X_TO = inverse(self.tool_pose()) @ body_pose(self._data, self.model.body(obj).id)
@@ -207,7 +201,7 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
 
     def release(self) -> None:
         """Switch suction off, or let the fingers follow the reference again (which then opens them)."""
-        self._slipping = None
+        self._slipping = 0, 0.0
         for motor, _, _ in self._pushes:
             self._controller.lead(motor)
             self.model.geom_friction[self._pads] = FRICTION
@@ -221,8 +215,10 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
         """
         if (obj := self.held()) is not None:
             self.release()
-            X_TO = inverse(self.tool_pose()) @ body_pose(self._data, self.model.body(obj).id)
-            self._slipping = (obj, X_TO[2, 3] + float(np.abs(X_TO[2, :3]) @ self._workspace.objects[obj].size))
+        if self._pushes and obj is not None:
+            body = int(self.model.body(obj).id)
+            z = (inverse(self.tool_pose()) @ body_pose(self._data, body))[2]
+            self._slipping = body, z[3] + float(np.abs(z[:3]) @ self._workspace.objects[obj].size)
         if self._pushes:
             self.model.geom_friction[self._pads] = _SLIPPERY
 
