@@ -29,7 +29,7 @@ ROOMS = {
     "robot": ("robot", 3_106),
     "camera": ("camera", 2_306),
     "cell": ("cell", 3_572),
-    "logic": ("logic", 2_339),
+    "logic": ("logic", 2_342),
     "skill, program, recording": ("skill program recording", 2_811),
     "task": ("task", 991),
     "motion": ("motion", 2_931),

@@ -27,6 +27,7 @@ _LATTICE = 512
 
 _NARROW = 1e-9
 """Pieces of the phase narrower than this share of a period do not count, nor shares of x."""
+_AT_ONCE = 100_000  # pairs of times and pieces of phases that are compared at once, for the memory
 
 
 Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -195,11 +196,13 @@ def _slowest(windows: Sequence[Window], t: Array) -> Array:
         inside = (taken >= w.start) & (taken <= w.end)
         known[:, :-1] = np.minimum(known[:, :-1], np.where(inside, number * period + w.lag, np.inf))
     known = np.minimum.accumulate(known[:, ::-1], axis=1)[:, ::-1]
-    piece = np.arange(len(low))
-    next_one = np.ceil((t[:, None] - low) / period - 1e-11).astype(np.int64)
-    phase = t[:, None] - (next_one - 1) * period  # before it in a piece, the image before the next one is too early
-    later = known[piece, np.clip(next_one - number[0], 0, len(number))]
-    sooner = known[piece, np.clip(next_one - 1 - number[0], 0, len(number))]
-    cut = (phase > low) & (phase < high)
-    found: Array = np.where(cut, np.maximum(phase + later, high + sooner), high + later).max(axis=1)
+    piece, found = np.arange(len(low)), np.empty(len(t))
+    few = max(1, _AT_ONCE // len(low))
+    for part in (slice(at, at + few) for at in range(0, len(t), few)):
+        next_one = np.ceil((t[part, None] - low) / period - 1e-11).astype(np.int64)
+        phase = t[part, None] - (next_one - 1) * period  # before it in a piece, the image before the next is too early
+        later = known[piece, np.clip(next_one - number[0], 0, len(number))]
+        sooner = known[piece, np.clip(next_one - 1 - number[0], 0, len(number))]
+        cut = (phase > low) & (phase < high)
+        found[part] = np.where(cut, np.maximum(phase + later, high + sooner), high + later).max(axis=1)
     return found
