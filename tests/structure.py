@@ -30,7 +30,7 @@ ROOMS = {
     "camera": ("camera", 2_306),
     "cell": ("cell", 3_572),
     "logic": ("logic", 2_342),
-    "skill, program, recording": ("skill program recording", 2_811),
+    "skill, program, recording": ("skill program recording", 2_806),
     "task": ("task", 991),
     "motion": ("motion", 2_931),
     "sight": ("kernel sight", 1_506),

@@ -84,12 +84,10 @@ def _states(file: Path, feature: str, width: int, episode: int | None, fps: floa
 
     with _opened(file, (feature, _NUMBER)) as parquet:
         clock, scale = (_TIME, 1.0) if _TIME in parquet.schema_arrow.names else (_FRAME, 1.0 / fps)
-        count = at = own = 0
+        paths = [parquet.schema.column(index).path for index in range(len(parquet.schema))]
+        at, own, count = paths.index(_NUMBER), [one.startswith(feature) for one in paths].index(True), 0
         for group in range(parquet.num_row_groups):
             about = parquet.metadata.row_group(group)
-            if not group:
-                paths = [about.column(index).path_in_schema for index in range(about.num_columns)]
-                at, own = paths.index(_NUMBER), [path.startswith(feature) for path in paths].index(True)
             span = about.column(at).statistics
             if episode is not None and span and span.has_min_max and not span.min <= episode <= span.max:
                 continue

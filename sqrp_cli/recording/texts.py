@@ -154,15 +154,12 @@ def open_program(path: Path, rate: float | None, _signal: str | None) -> Recordi
 def open_log(path: Path, rate: float | None, _signal: str | None) -> Recording:
     """Where the robot was during a run, by its log, and `HELD`. Raises InputError."""
     names, q, held = list[str](), list[float](), None
-    states, count = array("d"), 0
+    states = array("d")
     for place, event in log_lines(path):
         if event["event"] == "state" and len(states) < MOST_NUMBERS:
             names, q, held = names or event.get("joints", []), event.get("q", q), event.get("held", held)
             try:
-                states.extend(map(float, [event["t"], *q, held is not None]))
-                count += 2 + len(names)
-                if len(states) != count:
-                    raise ValueError
+                states.extend(np.array([event["t"], *q, held is not None], dtype=float).reshape(2 + len(names)))
             except (TypeError, ValueError) as error:
                 raise no_log("this state has not as many positions `q` as there are `joints`", place) from error
     return alone(path, "log", [*map(str, names), HELD], np.array(states).reshape(-1, 2 + len(names)), rate)
