@@ -25,7 +25,7 @@ LONG = 30
 
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_356),
-    "files": ("files", 2_062),
+    "files": ("files", 2_064),
     "robot": ("robot", 3_106),
     "camera": ("camera", 2_306),
     "cell": ("cell", 3_572),
@@ -40,7 +40,7 @@ ROOMS = {
     "run": ("run", 7_332),
     "field": ("field ros", 2_931),
     "score": ("score", 2_321),
-    "show": ("show", 5_199),
+    "show": ("show", 5_205),
     "ask": ("ask cli __init__ __main__", 5_365),
     "studio": ("studio", 1_764),
     "starter, platform": ("starter platform", 2_425),

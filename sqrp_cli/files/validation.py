@@ -88,6 +88,8 @@ def _problems(document: SourceDocument, details: ErrorDetails) -> list[Problem]:
     if kind == "no-mapping":
         keys = ", ".join(f"`{key}`" for key in context["keys"])
         code, message = "wrong-type", f"found {describe(given)}, expected a mapping with {keys}"
+        if isinstance(given, str) and "task" in context["keys"]:  # as on the command line
+            message += f"; did you mean `{{task: {describe(given)[1:-1]}}}`?"
     elif kind == "literal_error":
         words = [word.strip("' ") for word in str(context["expected"]).replace(" or ", ",").split(",") if word.strip()]
         known = ", ".join(f"`{word}`" for word in words)

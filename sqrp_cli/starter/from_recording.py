@@ -70,8 +70,8 @@ def guess_joints(
         pairs = dict(zip(ordered, recording.names, strict=True)) if len(ordered) == len(recording.names) else {}
     if not pairs:
         message = f"none of its names is a joint of the robot: {first_names(recording.names)}"
-        message += f"; joints are {first_names([*limits])}"
-        raise bad_input("unknown-joint", message, Place(recording.path), mend="name its robot")
+        mend = f"call its columns {first_names([*limits])}; or name the robot that it is of after --robot or --urdf"
+        raise bad_input("unknown-joint", message, Place(recording.path), mend=mend)
 
     # The unit of joints that turn where none is stated: numbers that stop at 100 are rather shares of a range.
     columns = {joint: numbers[:, recording.names.index(name)] for joint, name in pairs.items()}

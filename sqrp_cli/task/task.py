@@ -140,12 +140,12 @@ def longer_tasks(text: str, workspace: Workspace) -> Iterator[str]:
 
 
 def example_task(workspace: Workspace) -> str:
-    """A task of the workspace: its first expected one, or a skill with all that it can take; `TASK` without any."""
-    for text in (*(one.task for one in workspace.tasks), *workspace.skills):
+    """A task of the workspace: an expected one, a recording, or a skill with all that it can take; empty if none."""
+    for text in (*(one.task for one in workspace.tasks), *workspace.recordings, *workspace.skills):
         with suppress(InputError):
             read_task(text, workspace)
             return text
-    return "TASK"
+    return ""
 
 
 def impossible_tasks(workspace: Workspace) -> Iterator[Problem]:

@@ -203,11 +203,12 @@ def test_a_first_workspace_comes_from_a_recording(planned, tmp_path):
     assert "nothing is grasped" in open_cell(tmp_path / "cell").rank(made.task).candidates[0].reasons[0]
 
 
-def test_a_recording_may_begin_past_the_limits_of_joints(tmp_path):
+def test_a_recording_may_begin_past_the_limits_of_joints(tmp_path, sqrp):
     joints = "shoulder_pan,shoulder_lift,elbow_flex,wrist_flex,wrist_roll,gripper"
     (tmp_path / "rest.csv").write_text(f"time,{joints}\n0,119,-109,99,99,169,50\n1,0,0,0,0,0,50\n")
     made = new_cell(tmp_path / "cell", robot="so101", recording=tmp_path / "rest.csv")
     assert "joint `elbow_flex` then goes 2 deg past its limit" in " ".join(made.told)
+    assert 'TASK is missing, such as "demo"' in sqrp("rank", tmp_path / "cell").err
 
 
 def test_an_episode_of_one_state_is_no_motion(recorded, tmp_path):

@@ -62,9 +62,11 @@ def test_a_gripper_that_closes_upwards_is_closed_at_0():
     [
         (["left/shoulder_pan.pos", "right/shoulder_pan.pos"], "two arms"),
         (["left_shoulder_pan.pos", "right_shoulder_pan.pos"], "two arms"),
-        (["x", "y"], "none of its names is a joint of the robot"),
+        (["x", "y"], "none of its names is a joint of the robot: `x`, `y`; call its columns `shoulder_pan`, "),
     ],
 )
 def test_two_arms_and_another_robot_are_refused(names, says):
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(InputError) as error:
         guess_joints(recorded(names), np.zeros((2, 2)), LIMITS, "gripper", frozenset())
+    (problem,) = error.value.problems
+    assert says in f"{problem.message}; {problem.mend}"

@@ -95,7 +95,7 @@ def checked(cell: OpenCell, ask: CheckRequest) -> Check:
             mend = "change the home position, or move what is in its way"
             place = cell.workspace.places.get("robot.home")
             doubts.append(Problem("contact-at-home", message, place, severity="warning", mend=mend))
-        return Check.of(path, name, None, doubts, example=example_task(cell.workspace))
+        return Check.of(path, name, None, doubts, example=example_task(cell.workspace) or "TASK")
     session = Session.begin(cell.cell, TaskRequest(ask.task, after=ask.after))
     candidates = session.task.candidates
     suggester = Suggester(session.cell, session.job.world, ask.planner or find_plan, ask.jobs, len(candidates))

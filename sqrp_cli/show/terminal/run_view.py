@@ -161,7 +161,13 @@ def print_run(found: RunReport) -> None:
             say(f"Noticed after {fault.delay:.2f} s: {label}{predicted}.", "yellow" if late else None)
         elif fault.happened is not None:
             say(f"Never noticed: {label} at {fault.happened:.2f} s; no image showed it.", "red")
-        if fault.injected is not None and (fault.happened or 0.0) > fault.injected + LONG_AGO:
+        untold = 0.0 if fault.injected is None else (fault.happened or 0.0) - fault.injected
+        if untold > LONG_AGO and fault.kind == "slip" and fault.delay is not None:  # the part is loose at once
+            most = "-" if fault.predicted_delay is None else seconds(fault.predicted_delay + untold)
+            bound = "" if most == "-" else f" (as `rank` counts: at the latest {most} s)"
+            after = f"That is {fault.delay + untold:.2f} s after it let go{bound}"
+            say(f"{after}, of which images could not tell it for {untold:.2f} s.")
+        elif fault.injected is not None and untold > LONG_AGO:
             until = "" if fault.detected is None else f" {fault.detected - fault.injected:.2f} s before that,"
             told = f"images can tell it only from {fault.happened:.2f} s on, and its delay counts from there"
             say(f"{label} was asked for{until} at {fault.injected:.2f} s: {told}.")
