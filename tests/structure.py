@@ -36,7 +36,7 @@ ROOMS = {
     "sight": ("kernel sight", 1_506),
     "study": ("study", 4_595),
     "search": ("search", 4_313),
-    "checks": ("checks", 1_399),
+    "checks": ("checks", 1_396),
     "run": ("run", 7_332),
     "field": ("field ros", 2_931),
     "score": ("score", 2_321),
