@@ -140,7 +140,7 @@ def without_hue(workspace: Workspace) -> dict[str | None, list[str]]:
 
 
 def assumptions(workspace: Workspace, named: Collection[str], cameras: Collection[Camera] | None = None) -> str:
-    """What figures assume of detectors and cameras (else the workspace's), in words, or empty. named: objects that count."""
+    """What figures assume of detectors and cameras (else the workspace's), in words. named: objects that count."""
     unseen = [name for names in without_hue(workspace).values() for name in names if name in named]
     seen = [f"a detector is assumed that sees {first_names(unseen)}, whose colour none here sees"] if unseen else []
     return "; ".join(filter(None, (*seen, assumed_latency(workspace.cameras.values() if cameras is None else cameras))))
