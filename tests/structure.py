@@ -30,7 +30,7 @@ ROOMS = {
     "camera": ("camera", 2_306),
     "cell": ("cell", 3_572),
     "logic": ("logic", 2_342),
-    "skill, program, recording": ("skill program recording", 2_806),
+    "skill, program, recording": ("skill program recording", 2_804),
     "task": ("task", 991),
     "motion": ("motion", 2_931),
     "sight": ("kernel sight", 1_506),
@@ -41,7 +41,7 @@ ROOMS = {
     "field": ("field ros", 2_931),
     "score": ("score", 2_321),
     "show": ("show", 5_205),
-    "ask": ("ask cli __init__ __main__", 5_365),
+    "ask": ("ask cli __init__ __main__", 5_364),
     "studio": ("studio", 1_764),
     "starter, platform": ("starter platform", 2_425),
 }

@@ -149,10 +149,8 @@ def check_program(program: Program, path: Path, workspace: Workspace, replaced: 
 def _begins_as_stated(program: Program) -> bool:
     """Whether a program starts in the world of its workspace as that was: the facts, where objects lie, arm at home."""
     said, world = program.made_for, program.steps[0].before
-    here = canonical_values(world, {})
-    lying = (
-        said.get(f"object {name}", {}).get("pose") == here[f"X_WO {name}"][""] for name in {*world.X_WO} - {world.held}
-    )
+    here, free = canonical_values(world, {}), world.X_WO.keys() - {world.held}
+    lying = (said.get(f"object {name}", {}).get("pose") == here[f"X_WO {name}"][""] for name in free)
     joints = ((said.get(f"joint {name}", {}), here[f"joint {name}"][""]) for name in world.joints)
     home = (one.get("home", position) == position for one, position in joints)
     return {*said.get("state", {})} == {*map(str, world.facts)} and all(lying) and all(home)

@@ -68,8 +68,7 @@ class Session:
         after = None if ask.after is None else Path(ask.after)
         world, again, anew = cell.initial_world, 0, False
         if after is not None:
-            before = load_program(after)
-            check_program(before, after, cell.workspace)
+            check_program(before := load_program(after), after, cell.workspace)
             world = before.steps[-1].after if before.steps else world
         if written is not None and written.exists() and (after is None or real_path(after) != real_path(written)):
             again, start, anew = _goes_on(written, ask.task, cell)
