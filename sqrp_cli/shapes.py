@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import hypot
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, box_corners, check_poses
+from sqrp_cli.geometry import Array, box_corners, check_poses, cross
 from sqrp_cli.records import dataclass
 
 Geometry = Literal["collision", "visual"]
@@ -116,6 +116,33 @@ def half_extents(shape: Convex, R: Array) -> Array:
         case Capsule(radius, length):
             half = radius + 0.5 * length * np.abs(R[:, 2])
     return half
+
+
+class PlacedBox(NamedTuple):
+    """A box somewhere in the world."""
+
+    X_WB: Array
+    """Pose of its centre, shape (4, 4)."""
+    size: Array
+    """Full extents [m], shape (3,)."""
+
+    def gap(self, other: PlacedBox, *, from_above: bool = False) -> float:
+        """The widest gap between two boxes along an axis that separates them [m].
+
+        Below 0 where they have points in common: then the shortest move after which they only touch, negated. Exact:
+        the separating-axis theorem over the 3 + 3 face normals and the 9 cross products of edges (Gottschalk et al.,
+        OBBTree, SIGGRAPH 1996); the shortest way out of a convex body lies along one of these axes. from_above: of
+        their shadows on the floor instead, whose edges are those of the boxes; their distance is that at least.
+        """
+        edges, others = self.X_WB[:3, :3].T, other.X_WB[:3, :3].T
+        axes = np.concatenate([edges, others])
+        crosses = cross(axes, np.array([0.0, 0.0, 1.0])) if from_above else cross(edges[:, None], others[None])
+        crosses = crosses.reshape(-1, 3)
+        lengths = np.linalg.norm(crosses, axis=1, keepdims=True)
+        directions = (crosses / np.maximum(lengths, 1e-9))[lengths[:, 0] > 1e-9]
+        along = directions if from_above else np.concatenate([axes, directions])
+        reach = np.abs(along @ edges.T) @ (0.5 * self.size) + np.abs(along @ others.T) @ (0.5 * other.size)
+        return float((np.abs(along @ (self.X_WB[:3, 3] - other.X_WB[:3, 3])) - reach).max())
 
 
 def contains(shape: Convex, point: Array) -> bool:

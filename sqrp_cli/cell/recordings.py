@@ -86,8 +86,8 @@ class GripperEntry(Entry):
 class RecordedObjectEntry(Entry):
     """An object that the recording handles.
 
-    Where the cell has an object of this name with a pose, it begins there. Else it begins where it is grasped, upright,
-    in the middle of the tool frame, or before it if the tool has no fingers.
+    Where the cell has an object of this name with a pose, it begins there. Else it begins where it is grasped, upright
+    and on what is near below: in the middle of the tool frame, beside a jaw that stands still, or before a suction cup.
     """
 
     size: Extents | None = Field(default=None, description="Full extents; by default 3 cm along each axis.")

@@ -5,15 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Problem
 from sqrp_cli.files.units import shown_length
-from sqrp_cli.geometry import Array, box_corners, cross, pose, transform
-from sqrp_cli.shapes import Box, Mesh, half_extents
+from sqrp_cli.geometry import box_corners, pose, transform
+from sqrp_cli.shapes import Box, Mesh, PlacedBox, half_extents
 
 MIN_OVERLAP = 1e-3
 """Depth [m] from which two objects count as being in one place."""
@@ -23,33 +22,6 @@ LEAST_GAP = 5e-3
 
 _MEASURE = re.compile(r"objects\.(.+)\.(?:size|pose\.position)\.\d")
 """Path of a number that says how large an object is or where; its name."""
-
-
-class PlacedBox(NamedTuple):
-    """A box somewhere in the world."""
-
-    X_WB: Array
-    """Pose of its centre, shape (4, 4)."""
-    size: Array
-    """Full extents [m], shape (3,)."""
-
-    def gap(self, other: PlacedBox, *, from_above: bool = False) -> float:
-        """The widest gap between two boxes along an axis that separates them [m].
-
-        Below 0 where they have points in common: then the shortest move after which they only touch, negated. Exact:
-        the separating-axis theorem over the 3 + 3 face normals and the 9 cross products of edges (Gottschalk et al.,
-        OBBTree, SIGGRAPH 1996); the shortest way out of a convex body lies along one of these axes. from_above: of
-        their shadows on the floor instead, whose edges are those of the boxes; their distance is that at least.
-        """
-        edges, others = self.X_WB[:3, :3].T, other.X_WB[:3, :3].T
-        axes = np.concatenate([edges, others])
-        crosses = cross(axes, np.array([0.0, 0.0, 1.0])) if from_above else cross(edges[:, None], others[None])
-        crosses = crosses.reshape(-1, 3)
-        lengths = np.linalg.norm(crosses, axis=1, keepdims=True)
-        directions = (crosses / np.maximum(lengths, 1e-9))[lengths[:, 0] > 1e-9]
-        along = directions if from_above else np.concatenate([axes, directions])
-        reach = np.abs(along @ edges.T) @ (0.5 * self.size) + np.abs(along @ others.T) @ (0.5 * other.size)
-        return float((np.abs(along @ (self.X_WB[:3, 3] - other.X_WB[:3, 3])) - reach).max())
 
 
 def warning(code: str, message: str, workspace: Workspace, path: str, mend: str) -> Problem:

@@ -72,7 +72,7 @@ class Motion:
     primitives: tuple[TimedPrimitive, ...]  # without gaps, in order
     final: World  # the world after it, with the facts from before; X_WO of a held object is its final pose
     initial: World | None = None  # the world before it, where that is its own: of a motion that was not planned
-    doubts: tuple[str, ...] = ()  # of a recorded one, what was done to its clock
+    doubts: tuple[str, ...] = ()  # of a recorded one: what was done to its clock, and what an object begins in
 
     @property
     def remarks(self) -> tuple[str, ...]:

@@ -17,7 +17,8 @@ from sqrp_cli.cell.recordings import EPISODE, RecordedTask
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible, bad_input
-from sqrp_cli.geometry import Array, inverse, pose, read_only, rpy_to_matrix, transform
+from sqrp_cli.files.units import shown_length
+from sqrp_cli.geometry import Array, inverse, read_only, rpy_to_matrix, transform
 from sqrp_cli.motion.collision import CollisionScene
 from sqrp_cli.motion.plan_motion import MEASURED, Motion, TimedPrimitive
 from sqrp_cli.recording.episode import Episode, Recording
@@ -26,14 +27,14 @@ from sqrp_cli.recording.phases import Grasp, phases
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.robot import Fingers
+from sqrp_cli.shapes import Mesh, PlacedBox, half_extents
 from sqrp_cli.skill.skill import SkillChoice
 from sqrp_cli.trajectory import JointPath, PiecewiseCubic, Trajectory
 
 REACH = 0.05
 """Farther than this from the tool frame, an object is not what the tool grasps: it closes on nothing [m]."""
 SPEED_OVER, CONTACT_STEP = 0.05, 0.01
-"""Times [s] over which speeds of recorded joints are measured, and between instants at which contacts are looked for.
-"""
+"""Times [s] over which speeds of recorded joints are measured, and between instants at which contacts are checked."""
 
 
 @lru_cache(maxsize=4)
@@ -91,10 +92,7 @@ class RecordedMotions:
             if (name := self.task.held_in(len(taken), grasp.start)) is not None:
                 X_WT, size = model.tool_pose(positions(grasp.start)), self.objects[name].size
                 if name not in now:
-                    yaw = float(np.arctan2(X_WT[1, 0], X_WT[0, 0]))
-                    ahead = 0.0 if model.fingers.joints else 0.5 * size[2]  # of what sticks to its tip
-                    upright = pose(rpy_to_matrix((0.0, 0.0, yaw)), X_WT[:3, 3] + ahead * X_WT[:3, 2])
-                    now[name] = initial[name] = read_only(upright)
+                    now[name] = initial[name] = self._beginning(name, X_WT, model, now)
                 away = np.abs(transform(inverse(now[name]), X_WT[:3, 3])) - 0.5 * np.array(size)
                 if (far := float(np.linalg.norm(np.maximum(away, 0.0)))) > REACH:
                     missed.append(f"at {grasp.start:.1f} s the gripper closes {far:.2f} m away from `{name}`")
@@ -109,6 +107,9 @@ class RecordedMotions:
             return Infeasible(tuple(missed))
         if missing := [name for name in objects if name not in initial]:
             return Infeasible((f"nothing is grasped in it, so it is not known where `{missing[0]}` is",))
+
+        own_places = [name for name in objects if name in stated or name not in world.X_WO]
+        doubts = [said for name in own_places for said in self._inside(name, initial[name], {**world.X_WO, **stated})]
 
         # Its phases: while an object is carried it moves with the tool, afterwards it is where that let it go.
         primitives, held, X_TO = list[TimedPrimitive](), None, None
@@ -135,8 +136,47 @@ class RecordedMotions:
             primitives=tuple(primitives),
             final=replace(world, X_WO=now, held=held, X_TO=X_TO, joints=after),
             initial=replace(world, X_WO=initial, held=None, X_TO=None, joints=begin),
-            doubts=episode.told,
+            doubts=(*episode.told, *doubts),
         )
+
+    def _beginning(self, name: str, X_WT: Array, model: RobotModel, X_WO: Mapping[str, Array]) -> Array:
+        """Where an object begins that a tool at X_WT takes first, upright: (4, 4). X_WO: where the others are."""
+        size, X_WB = np.array(self.objects[name].size), np.eye(4)
+        X_WB[:3, :3] = rpy_to_matrix((0.0, 0.0, float(np.arctan2(X_WT[1, 0], X_WT[0, 0]))))
+        # Before a tip that it sticks to, in the middle between fingers, else beside the jaw on whose face the frame is.
+        ahead = 0.0 if model.fingers.joints else 0.5 * size[2]
+        aside = 0.5 * moving_side(model) * np.abs(X_WT[:3, 1] @ X_WB[:3, :3]) @ size
+        X_WB[:3, 3] = X_WT[:3, 3] + ahead * X_WT[:3, 2] + aside * X_WT[:3, 1]
+        # On what is below, if it is less than its height deep in that, or less than half of it above.
+        middle, bottom = PlacedBox(X_WB, np.zeros(3)), X_WB[2, 3] - 0.5 * size[2]
+        below = [box for _, box in self._boxes(X_WO) if middle.gap(box, from_above=True) < 0.0]
+        rises = [float(box.X_WB[2, 3] + 0.5 * np.abs(box.X_WB[2, :3]) @ box.size - bottom) for box in below]
+        X_WB[2, 3] += max((rise for rise in rises if -0.5 * size[2] < rise < size[2]), default=0.0)
+        return read_only(X_WB)
+
+    def _boxes(self, X_WO: Mapping[str, Array]) -> Iterator[tuple[str, PlacedBox]]:
+        """Boxes around the parts of placed objects but meshes, with the names of these."""
+        parts = ((name, part.X_PG, part.shape) for name in X_WO for part in self.objects[name].parts)
+        for name, X_OP, shape in parts:
+            if not isinstance(shape, Mesh):
+                yield name, PlacedBox(X_WO[name] @ X_OP, 2.0 * half_extents(shape, np.eye(3)))
+
+    def _inside(self, name: str, X_WO: Array, others: Mapping[str, Array]) -> Iterator[str]:
+        """What an object at X_WO begins more than 1 mm deep in, in words."""
+        own = PlacedBox(X_WO, np.array(self.objects[name].size))
+        depths = sorted((-own.gap(box), other) for other, box in self._boxes(others) if other != name)
+        for other, deep in {other: depth for depth, other in depths if depth > 1e-3}.items():  # of its parts, the most
+            yield f"`{name}` begins {shown_length(deep)} inside `{other}`: state `pose` in `recordings`, or move that"
+
+
+def moving_side(model: RobotModel) -> float:
+    """On which side along y of the tool frame the only jaw is that moves: 1 or -1; 0 where none or several move."""
+    ends = [model.with_fingers(model.home, one) for one in (model.fingers.closed, model.fingers.open)]
+    X_WL = model.link_poses(np.stack(ends))
+    X_TL = [inverse(X_WL[model.tool_frame]) @ X_WL[link] for link in model.fingers.links]
+    moved = [float((opened @ inverse(closed))[1, 3]) for closed, opened in X_TL]  # of what is at the frame when closed
+    ways = {float(np.sign(way)) for way in moved if abs(way) > 1e-4}
+    return ways.pop() if len(ways) == 1 else 0.0
 
 
 def limits_broken(motion: Motion, scene: CollisionScene, handled: Collection[str]) -> Iterator[str]:

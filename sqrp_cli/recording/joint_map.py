@@ -74,10 +74,8 @@ def grasps_of(
         message = f"`{name}` is no joint that {task.entry.file} moves, and no name in it; {known}"
         raise bad_input("unknown-joint", message, task.place("gripper", "joint"))
     numbers = moved[name] if name in moved else episode.values[:, names.index(name)]
-    limit, sign = (
-        next(filter(None, (gripper.closed_below, gripper.closed_above))),
-        1.0 if gripper.closed_below else -1.0,
-    )
+    limit, sign = gripper.closed_below or gripper.closed_above, 1.0 if gripper.closed_below else -1.0
+    assert limit is not None  # noqa: S101 - it has one of both
     empty = -inf
     if gripper.empty_beyond is not None:
         empty = sign * gripper.empty_beyond.value

@@ -197,7 +197,7 @@ def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
     suggestion, motion = suggester.suggest(candidate), some_motion(suggester.cell, candidate, suggester.world)
     if isinstance(recorded := candidate.skill.recorded, RecordedMotions) and isinstance(motion, Motion):
         broken = tuple(limits_broken(motion, suggester.cell.collision, recorded.task.objects))
-        motion = Infeasible(broken) if broken else motion
+        motion = Infeasible((*broken, *motion.doubts)) if broken else motion
     feasible = not isinstance(motion, Infeasible)
     outside = () if isinstance(motion, Infeasible) else formulas_outside(candidate, motion)
     about: dict[str, Any] = {"candidate": candidate, "feasible": feasible, "suggestion": suggestion}

@@ -126,8 +126,6 @@ def with_recording(layout: Layout, cell: Cell, file: Path, named: str) -> Layout
 
     # What is said of it.
     said = [f"`{one.name}` is joint `{one.joint}`: {one.why}" for one in guesses]
-    told = zip(recording.episodes, episodes, strict=False)
-    said += [f"episode {name}: {one}" for name, episode in told for one in episode.told]
     said += [f"`{name}` is not recorded and stays at home" for name in model.arm if name not in recorded]
     past = np.maximum(lower - q.min(axis=0), q.max(axis=0) - upper).tolist()
     said += [
@@ -137,7 +135,8 @@ def with_recording(layout: Layout, cell: Cell, file: Path, named: str) -> Layout
     ]
     tips = model.tool_poses(q[:, : len(model.arm)])[:, :3, 3]
     if (depth := float(-tips[:, 2].min())) > 0.005:
-        said.append(f"the tool then goes {100 * depth:.1f} cm into the table: check offsets, `robot.base` and the tool")
+        mend = "check offsets, `robot.base`, the tool, and the height of the table, a guess (`pose` of `objects.table`)"
+        said.append(f"the tool then goes {100 * depth:.1f} cm into the table: {mend}")
 
     # Its entry. The gripper has two groups of positions, and holds beyond the level between them.
     entry = [f"  {RECORDED}:  # its episodes are the candidates", f"    file: {named}"]

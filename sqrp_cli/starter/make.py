@@ -23,9 +23,11 @@ from sqrp_cli.platform.files import naming, no_folder
 from sqrp_cli.starter import search
 from sqrp_cli.starter.arm_guess import ArmGuess, guess_arm
 from sqrp_cli.starter.description import Description, OwnRobot, describe_robot
-from sqrp_cli.starter.from_recording import with_recording
+from sqrp_cli.starter.from_recording import FIRST_EPISODES, with_recording
 from sqrp_cli.starter.hand import Grip, driven_joints, find_grip
-from sqrp_cli.starter.layout import SCHEMA, TASK, Cube, Layout, mounts_text, workspace_text
+from sqrp_cli.starter.layout import RECORDED, SCHEMA, TASK, Cube, Layout, mounts_text, workspace_text
+from sqrp_cli.task.feasibility import feasible_motion
+from sqrp_cli.task.task import read_task
 
 SHIPPED = Path(__file__).parent  # folder of the shipped skills and robots
 
@@ -143,10 +145,13 @@ def _filled(
         layout = _with_hand(layout, description, arm, _load(layout))
         file_name = json.dumps(os.path.relpath(recording, draft.parent / "any"), ensure_ascii=False)
         best = with_recording(layout, _load(layout), recording, file_name)
-        (draft / WORKSPACE_FILE).write_text(workspace_text(best), encoding="utf-8")
         (draft / "place.yaml").write_text(mounts_text(best), encoding="utf-8")
-        workspace = load_workspace(draft)
-        return replace(best, warnings=(*description.warnings, *workspace.warnings, *lint(workspace)))
+        told, cell = [*best.told], _load(best)
+        for candidate in read_task(RECORDED, workspace := cell.workspace).candidates[:FIRST_EPISODES]:
+            motion = feasible_motion(cell, candidate, cell.initial_world)
+            doubts = motion.reasons if isinstance(motion, Infeasible) else motion.doubts
+            told += [f"{candidate.name}: {one}" for one in doubts]
+        return replace(best, told=tuple(told), warnings=(*description.warnings, *workspace.warnings, *lint(workspace)))
     tried = _tried(layout, description, arm, advance)
     best = max((layout for layout, _ in tried), key=lambda layout: len(layout.cubes))  # of equals the least lifted
     states = description.srdf.states if description.srdf else {}

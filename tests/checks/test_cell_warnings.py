@@ -16,11 +16,10 @@ from sqrp_cli.camera.light import Light
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.checks.cell_warnings import doubtful_meshes, lamps_inside, overlapping_shapes, parts_outside_size
-from sqrp_cli.checks.placement import PlacedBox
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.geometry import Array, box_corners, pose, quaternion_to_matrix, rpy_to_matrix, transform
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.shapes import BOX_TRIANGLES, Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
+from sqrp_cli.shapes import BOX_TRIANGLES, Box, Capsule, Cylinder, Mesh, Part, PlacedBox, Shape, Sphere
 from sqrp_cli.sight.solids import load_solid
 
 LYING = rpy_to_matrix((0.0, np.pi / 2, 0.0))

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sqrp_cli.checks.placement import PlacedBox
 from sqrp_cli.geometry import Array, box_corners, inverse, pose, quaternion_to_matrix, transform
+from sqrp_cli.shapes import PlacedBox
 
 numbers = st.floats(-1.0, 1.0)
 sizes = st.tuples(*[st.floats(0.05, 0.6)] * 3).map(np.array)

@@ -210,6 +210,8 @@ class ShowDocument(WorkspaceDocument):
     """Of tools, and of objects that are not just boxes."""
     state: list[str]
     """Literals that hold at the start."""
+    recorded: list[str] | None = field(default=None, metadata=LEFT_OUT)
+    """Objects whose place each episode of a recording tells; left out where there are none."""
     derived: Mapping[str, str] | None = field(default=None, metadata=LEFT_OUT)
     """Those of them that follow from the cell, each with from what; left out where none does."""
     skills: list[str]
@@ -253,6 +255,7 @@ class ShowDocument(WorkspaceDocument):
             lights=lights or None,
             opaque=_opaque_parts(cell),
             state=sorted(map(str, workspace.state)),
+            recorded=[one for own in workspace.recordings.values() for one in own.objects if one not in X_WO] or None,
             derived={str(atom): why for atom, why in sorted(workspace.derived.items())} or None,
             skills=list(workspace.skills),
             tasks=[expected.task for expected in workspace.tasks],

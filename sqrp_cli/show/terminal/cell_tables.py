@@ -153,7 +153,8 @@ def print_scene(found: ShowDocument) -> None:
     _print_cameras(found)
     say()
     objects = [
-        (name, " ".join(filter(None, (one.color, one.type, *one.attributes))), _numbered(one.size), _position(one.pose),
+        (name, " ".join(filter(None, (one.color, one.type, *one.attributes))), _numbered(one.size),
+         "from the recording" if name in (found.recorded or ()) else _position(one.pose),
          "fixed" if one.fixed else "movable", "tool" if name == robot.held else one.on or "")
         for name, one in found.objects.items()
     ]  # fmt: skip
