@@ -25,10 +25,8 @@ from typing import Any, ClassVar, Literal, Self
 from sqrp_cli.records import dataclass
 
 Pose = list[list[float]]  # a 4x4 pose as nested rows, frame in parent
-
 LEFT_OUT: Mapping[str, bool] = {"left out": True}
 """Metadata of a field that a document has only where it is not its default."""
-
 LIVE: Mapping[str, bool] = {"live": True}  # metadata of a field that no document has; see `live`
 
 

@@ -12,7 +12,6 @@ from typing import Any
 
 REPLACEMENT = "?"
 """Stands for what cannot be shown, as it does for what the encoding of a terminal does not know."""
-
 _COMMAND = re.compile(r"^(\s*):(?=:)|#(?=#[A-Za-z]*\[)")
 """What CI servers obey in a log: `::error::` at the beginning of a line, `##[error]` and `##vso[...]` anywhere."""
 

@@ -19,7 +19,6 @@ Cell = TypeVar("Cell")
 Asked = TypeVar("Asked", bound="Request")
 Answered = TypeVar("Answered")
 Given = ParamSpec("Given")
-
 NEEDED: Any = inspect.Parameter.empty  # in place of a default: the field has none
 
 

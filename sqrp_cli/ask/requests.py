@@ -35,7 +35,6 @@ Ways = Literal["best", "all", "first"]
 Certificates = tuple[Path, Path, Path]
 """Files of a certificate of an authority, of one's own, and of its key."""
 AnyPath = Any  # a path, which Python may also give as text
-
 TASK = values.text("a skill and what to do it with, such as `pickup green`")
 
 

@@ -118,8 +118,6 @@ listeners = kept(
 )
 where_needed = kept(None, "True, False, or None for where it is needed", lambda value: isinstance(value, bool))
 _A_PATH = "a path, as text or as a pathlib.Path"
-
-
 path = kept(Path, _A_PATH, lambda value: isinstance(value, str | Path) and bool(str(value)), make=Path)
 paths = kept(
     list[Path],

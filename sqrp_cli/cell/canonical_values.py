@@ -30,11 +30,9 @@ from sqrp_cli.skill.settings import MotionParameter
 Plain = str | bool | int | float | tuple[float, ...] | None
 CanonicalValues = Mapping[str, Mapping[str, Plain]]
 """By what it is about, such as `camera cam1`, and by the name of each value; a pose is x, y, z [m] and a quaternion."""
-
 DIGITS = 12  # significant digits of a number: the notations of one quantity, such as `5 cm` and `50 mm`, differ less
 DECIMALS = 9  # decimals of poses [m], which come from sines and cosines
 _LONGEST = 40  # most characters of a value that a sentence shows
-
 _POSE = re.compile(r"X_[A-Z]{2}")
 _WORDS = re.compile(r"primitives\.[0-9]+\.does")  # for people alone; programs have long kept them
 
@@ -55,9 +53,7 @@ _LEFT_OUT = {
     "MotionParameter": {"name", "kinds"},
 }
 """Fields without a meaning of their own, by the name of their record."""
-
 _KEPT = {"adds": "effect.adds", "deletes": "effect.deletes"}  # names of fields as programs have long kept them
-
 _UNITS = {"lower": "", "upper": "", "velocity": "/s", "acceleration": "/s^2", "jerk": "/s^3"}
 """Limits of joints, with what comes after their unit."""
 

@@ -81,8 +81,6 @@ _SENSING = (
     ("latency", "ms", TIME),
 )  # fmt: skip
 """How a camera senses, with the units that people use."""
-
-
 NewCamera = tuple[Camera, ImageEntry, Array | None, Array]
 """A camera that a workspace file is to have, its image, the point in the middle of that, (3,) in the camera's frame, or
 None to state the orientation, and what is up in it, (3,)."""

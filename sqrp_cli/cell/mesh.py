@@ -29,7 +29,6 @@ from sqrp_cli.geometry import Array, cross, quaternion_to_matrix
 from sqrp_cli.shapes import Triangles
 
 Integers = NDArray[np.int64]
-
 MAX_BYTES = 200_000_000  # largest STL file that is read
 MAX_TEXT_BYTES = 64_000_000  # largest OBJ and DAE file: its words take ten times as much memory
 MAX_TRIANGLES = 500_000  # largest mesh that is accepted
@@ -43,8 +42,6 @@ _CONVERSIONS = (
 )
 _EXACT = (".step", ".stp", ".iges", ".igs", ".brep")
 """Endings of files of CAD programs, whose surfaces are exact and not triangles."""
-
-
 _Surface = tuple[Array, Integers, float, Callable[[int], int | None]]
 """The content of a mesh file: corners in its unit, (V, 3), indices of three corners each, (F, 3), the unit [m], and
 what gives the line of a point, for messages."""
@@ -296,7 +293,6 @@ def _ears(rim: Array, normal: Array) -> tuple[list[tuple[int, int, int]], int]:
 # DAE
 
 _NUMBERS = {"matrix": 16, "rotate": 4, "translate": 3, "scale": 3}  # transformations of a node, and their numbers
-
 _TEXTS = frozenset(("float_array", "p", "vcount", *_NUMBERS))
 _UNSUPPORTED = {"instance_controller": "skins and morphs", "skew": "skewed nodes", "lookat": "nodes with <lookat>"}
 _POLYGONS = ("triangles", "polylist", "polygons", "trifans", "tristrips")

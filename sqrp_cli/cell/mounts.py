@@ -43,7 +43,6 @@ PLACE_FILE = "place.yaml"  # name of the file beside a workspace
 SAME = 1e-6  # points that are closer to each other are one [m]
 MOST_SPOTS = 20_000  # most places for a camera in one file
 MOST_AIMS = 200  # most directions at one of them
-
 Price = Annotated[float, In(None, 0.0, 1e8)]
 Weight = Annotated[float, In(None, 0.0, 1e6)]
 Step = Annotated[float, In(ANGLE, np.radians(0.5), np.radians(90))]

@@ -54,8 +54,6 @@ Symmetry = Annotated[
     WithJsonSchema({"anyOf": [{"type": "integer", "minimum": 1, "maximum": MOST_TURNS}, {"const": "round"}]}),
 ]
 """Into how many equal turns about an axis something looks the same, or `round`: any turn."""
-
-
 BoxSide = Literal["+x", "-x", "+y", "-y", "+z", "-z"]  # a side of a box, by its outward axis
 
 

@@ -45,7 +45,6 @@ from sqrp_cli.skill.skill import Skill
 
 _NAME = r"[A-Za-z_][\w-]*"
 _FACT = re.compile(rf"{_NAME}(\({_NAME}(, *{_NAME})*\))?")
-
 LongestTime = Annotated[float, In(TIME, 1e-3, LARGEST)]
 Padding = Annotated[float, In(LENGTH, 0.0, 10.0)]
 

@@ -29,7 +29,6 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import FIGURES, Mesh, Shape, shape_of
 
 Solid = tuple[Shape, Array]  # a shape with its pose in the file's frame, shape (4, 4)
-
 _TEXTS = frozenset({"name", "pose", "size", "radius", "length", "uri", "scale"})
 MOST_NESTED = 8  # most files of which each includes the next
 _SIZES = {"box": 3, "sphere": 1, "capsule": 2, "cylinder": 2}  # how many sizes MuJoCo's shapes have, halves of lengths

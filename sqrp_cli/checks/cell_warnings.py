@@ -42,16 +42,12 @@ from sqrp_cli.task.feasibility import feasible_motion
 
 LARGEST, SMALLEST = 20.0, 1e-3
 """Sizes of a link's mesh, as shares of the robot's length, from which its scale is doubted."""
-
 ALLOWED = 1e-3
 """How far a part may reach outside its object's `size` [m]; sizes are often rounded."""
-
 LONGEST_BRACKET = 0.6
 """How far from a link that moves a camera may be that is fixed to it [m]."""
-
 MOST_LOOKED_AT = 50
 """Most steps of candidates of which the whole motion is looked at."""
-
 FINEST = 1e-4
 """Step to which the suggested size is rounded up [m]."""
 
@@ -374,8 +370,6 @@ def _lengths(model: RobotModel) -> Array:
 
 LEAST_SHARE = 0.01
 """Least factor by which a mesh is shrunk; it applies to meshes thinner than `MIN_OVERLAP` on both sides."""
-
-
 _Placed: TypeAlias = tuple[Solid, Array]
 """A solid part of an object, with the pose of the object in the world, shape (4, 4)."""
 

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from sqrp_cli.figures import Figures
 
 execute: ContextVar[Callable[[list[str]], int]] = ContextVar("execute")  # the function that runs a command line
-
 INTERVAL = 0.2  # time between two looks at the files [s]
 MOST_ROWS = 20  # of more rows, only those are shown that differ
 
@@ -123,8 +122,6 @@ def print_changes(before: AnswerView, now: AnswerView) -> None:
 
 _ARROW = " → "
 _TEXTS = ("finding", "verdict")  # titles of columns that may be folded
-
-
 _TITLES = ("critical time seen [%]", "time seen [%]", "takes [s]", "noticed after [s]", "at the latest [s]")
 
 

@@ -37,8 +37,6 @@ _EXPECTED = {
     "less_than_equal": "a value of at most {le:g}",
 }
 """By Pydantic's kind of error, or how it begins."""
-
-
 EXAMPLES = {"rate": "30 Hz", "type": "part"}  # of keys that are often left out
 
 

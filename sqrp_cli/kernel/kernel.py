@@ -38,7 +38,6 @@ BOX = np.dtype(
     ]
 )  # fmt: skip
 """A box of a target with the limits of its detector: see `Box` in `camera.hpp`."""
-
 LIGHT = np.dtype([("kind", "f8"), ("intensity", "f8"), ("heading", "f8", 3), ("position", "f8", 3), ("cosine", "f8")])
 """A light: see `Light` in `scene.hpp`."""
 
@@ -60,10 +59,8 @@ _COLLISIONS = np.dtype(
     ]
 )  # fmt: skip
 """Counts and addresses of what may collide: see `Collisions` in `collision.hpp`."""
-
 MOST_LIGHTS = 8
 """Of a call."""
-
 Record = NDArray[np.void]
 """Of one of these types."""
 

@@ -14,14 +14,10 @@ from sqrp_cli.records import dataclass
 
 Objects = Mapping[str, frozenset[str]]
 """The names of all objects with their types; ancestors of types in the domain may be left out."""
-
 Binding = Mapping[str, str]
 """Object name by variable name, without question mark."""
-
 MAX_LITERALS = 50_000
 """Most literals of an expanded condition; see `literal_count`."""
-
-
 UnmetPart: TypeAlias = Literal | str
 """A failing part of a condition: a literal, or the text of another part, an equality or a disjunction."""
 

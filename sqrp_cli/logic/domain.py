@@ -90,7 +90,6 @@ class Compound:
 
 
 Condition: TypeAlias = Holds | Compound
-
 Tree = TypeVar("Tree")
 
 

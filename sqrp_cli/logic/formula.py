@@ -19,7 +19,6 @@ from sqrp_cli.logic.source_text import TextOrigin
 from sqrp_cli.records import dataclass
 
 Operator = OneOf["not", "and", "or", "implies", "always", "eventually"]
-
 BINDING: Mapping[str, int] = {"implies": 0, "or": 1, "and": 2, "not": 3, "always": 3, "eventually": 3}
 """How tightly operators bind."""
 
@@ -108,8 +107,6 @@ class Operation:
 
 
 Formula: TypeAlias = Predicate | Operation
-
-
 ArgumentLists = Mapping[str, tuple[tuple[str, ...], ...]]
 """For each predicate in an action, its different lists of arguments: names of parameters and constants, and `?name` for
 the variable of a quantifier."""

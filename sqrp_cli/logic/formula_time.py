@@ -13,7 +13,6 @@ from sqrp_cli.records import dataclass
 
 SAME_INSTANT = 1e-9
 """Stretches that are closer than this [s] count as one."""
-
 Operator = OneOf["always", "eventually"]
 
 

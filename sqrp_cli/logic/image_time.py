@@ -18,18 +18,13 @@ from pydantic import Field
 from sqrp_cli.records import dataclass
 
 Array = NDArray[np.float64]
-
 _GAUSS = np.array([0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5])
 """Of a piece, the two places whose mean is that of any polynomial up to the third degree over it."""
-
 _LATTICE = 512
 """Combinations of phases of several rates."""
-
 _NARROW = 1e-9
 """Pieces of the phase narrower than this share of a period do not count, nor shares of x."""
 _AT_ONCE = 100_000  # pairs of times and pieces of phases that are compared at once, for the memory
-
-
 Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 

@@ -24,7 +24,6 @@ from sqrp_cli.records import dataclass
 
 MAX_DEPTH = 50
 """Deepest nesting of a formula."""
-
 MAX_LENGTH = 20_000
 """Most characters of a formula."""
 
@@ -52,7 +51,6 @@ _TERMINALS = {
     )
 }  # fmt: skip
 """What formulas are written in, and its names in messages, in the order of their listing."""
-
 _BEGINNINGS: tuple[str, ...] = ("always", "eventually", "not", "name", "(")
 _JOINTS = ("and", "or", "implies")
 

@@ -18,7 +18,6 @@ REQUIREMENTS = (
     ":existential-preconditions", ":universal-preconditions", ":quantified-preconditions",
 )  # fmt: skip
 """The supported requirements; every other one is an error."""
-
 _SECTIONS = (":requirements", ":types", ":constants", ":predicates", ":action")
 _ACTION_KEYS = (":parameters", ":precondition", ":effect")
 _DEFINE = re.compile(r"\(\s*define\b", re.IGNORECASE)
@@ -28,14 +27,10 @@ _NAME = re.compile(r"[a-z][a-z0-9_-]*")
 VARIABLE = "a variable such as `?object`"
 _CONNECTIVES = ("and", "or", "not", "imply", "forall", "exists", "=", "when")
 _NUMERIC = ("increase", "decrease", "assign", "scale-up", "scale-down", "<", ">", "<=", ">=")
-
-
 MAX_DEPTH = 50
 """Deepest nesting of lists."""
-
 MAX_LENGTH = 1_000_000
 """Most characters of a file."""
-
 _PART = re.compile(r";[^\n]*|[()]|[^ \t\f\r\n();]+")
 """A comment, a parenthesis or a word.
 
@@ -89,7 +84,6 @@ def parse_domain(text: str, path: Path) -> pddl.Domain:
 
 Scope = dict[str, str]
 """Type of each variable in scope, by its name without question mark."""
-
 MAX_PROBLEMS = 100
 """Most problems of a file that are reported at once."""
 

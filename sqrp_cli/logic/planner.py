@@ -43,10 +43,7 @@ class ProvenImpossible:
 
 _PLATEAU = 500
 """States that hill climbing explores for an improvement before it counts as stuck."""
-
 PlanningResult: TypeAlias = Plan | ProvenImpossible | GaveUp
-
-
 Planner = Callable[[Domain, Objects, frozenset[Atom], Condition, Binding], PlanningResult]
 """Finds plans, as `find_plan` does."""
 

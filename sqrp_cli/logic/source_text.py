@@ -10,7 +10,6 @@ from sqrp_cli.records import dataclass
 
 LONGEST = 160
 """Characters of a line that an excerpt shows whole."""
-
 _UNSEEN = ("Cc", "Cf", "Cn", "Co", "Cs", "Zl", "Zp", "Zs")
 """Unicode's categories of characters that are invisible or look like others."""
 

@@ -25,12 +25,10 @@ from sqrp_cli.trajectory import JointPath
 
 CLEARANCE = 1e-3
 """Distance that the arm keeps from everything [m]; the workspace's padding adds to it for fixed objects."""
-
 SAMPLES = 200  # joint positions that are tried, spread over the limits of the joints
 ALWAYS = 0.95  # share of the positions in which a pair must touch to count as always touching
 RESOLUTION = 0.5e-3  # two solids that may violate the clearance within a motion of less than this [m] count as touching
 FIRST_LOOK = 9  # positions along a path that `PlacedScene.is_free` checks before the proof
-
 NamePairs = frozenset[tuple[str, str]]  # pairs of names of links or objects, each in alphabetical order
 
 

@@ -247,7 +247,6 @@ def _with_allowed_contacts(
 
 
 TOUCH = 1e-5  # distance that counts as contact [m]
-
 ARM_OF_TURN = 0.5
 """No part of tool and held object is further from the tool frame [m]: bounds their motion while the tool turns."""
 

@@ -31,10 +31,8 @@ from sqrp_cli.trajectory import JointPath, Trajectory
 
 MEASURED = 1e-3
 """Largest measured excess over a limit at the start of a motion, which then starts at the limit [rad or m]."""
-
 REACHED = 0.98  # share of a stated speed above which it counts as reached
 MAX_REASONS = 5  # most reasons of an infeasible motion
-
 MOST_BRANCHES = 256
 """Most combinations of branches of several joint moves that are tried; those of the first moves come first."""
 

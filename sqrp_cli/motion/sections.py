@@ -32,10 +32,8 @@ from sqrp_cli.skill.settings import MotionValue
 from sqrp_cli.trajectory import JointPath, JointSpan, Trajectory, side_by_side
 
 MOST_TURNS = 4096  # combinations of whole turns of the joints that are tried for each branch
-
 Names = Mapping[str, MotionValue]
 """The name of a branch at the end of one joint move: some of those of `Branches.feasible`."""
-
 Begun = tuple[Array, Array, tuple[JointPath, ...]]
 """Start and end of a branch, shape (n,) each, and its path along each of the section's legs."""
 

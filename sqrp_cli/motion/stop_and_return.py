@@ -11,8 +11,6 @@ from sqrp_cli.robot.kinematics import RobotModel
 
 INSTANTS = 65
 """Instants at which stopping and moving back are computed, equally spaced from a fault's earliest time to the end."""
-
-
 Recovery = tuple[Array, Array]
 """Instants at which the robot is to stop, and the time to stop and move back to the start then [s], shape (n,) each.
 

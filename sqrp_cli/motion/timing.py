@@ -16,25 +16,17 @@ from sqrp_cli.trajectory import JointPath, PiecewiseCubic, Trajectory, chain_rul
 
 FEW_SAMPLES = (5, 5, 5, 17, 5, 5, 5)
 """Instants in each phase of a law at which limits are looked at while a law is sought."""
-
 LEAST_SAMPLES, MORE_SAMPLES = 17, (4, 16, 16, 32, 16, 16, 4)
 """Those at which a found law is checked: in each phase, and for each coefficient of the path more where it is long."""
-
 STRETCH_MARGIN = 1e-3  # extra stretch of a law beyond that required by its samples, for peaks between them
-
 ROUNDS, ROUNDS_OF_SHARES = 3, 6
 """Times that the limits of a law are adapted: of all, and of its ramps alone at each of `SPEEDS`."""
-
 SPEEDS = (1.0, 0.85, 0.7, 0.55, 0.4, 0.25)
 """Shares of the speed that are tried where it fell below `REACHED` of the stated one; the fastest motion wins."""
-
 REACHED = 0.95
-
 LEAST_RATIO = 1e-9  # least ratio of a motion to its limit, so that what stands may be divided by it
-
 _ORDERS = np.array([[1], [2], [3]])
 """Of velocity, acceleration and jerk: a law k times as slow has derivatives smaller by k to this power."""
-
 STANDSTILL = 1e-9  # a joint line on which no joint moves further than this [rad or m] counts as no motion
 SHORTEST_RAMP = 1e-7  # least share of the way on which a law accelerates; ruckig cannot resolve much less
 

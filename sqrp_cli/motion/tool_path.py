@@ -18,18 +18,13 @@ from sqrp_cli.trajectory import JointPath
 
 SHORTEST_LINE = 1e-9  # curves that are no longer have no speed [m]
 FLAT = 1e-9  # three points whose circle has a radius above 1 / this of their distance are on a line
-
 TOLERANCE = 1e-6  # largest deviation of the tool from the line, in m and rad, between the points of interpolation
 NEWTON_TOLERANCE = 1e-11  # largest error of the tool's pose at the points of interpolation, in m and rad
-
 LARGEST_STEP = 0.3
 """Largest motion of a joint between neighbouring points of the line [rad or m]: beyond it, the step is halved."""
-
 SMALLEST_STEP = 1e-3  # shortest step, as a share of the line: below it the arm cannot continue
-
 FIRST_DEGREE, LAST_DEGREE, LAST_WINDING_DEGREE = 4, 64, 256
 """Degrees of the polynomials that are tried first and last, also of a curve that winds, doubling in between."""
-
 LARGEST_TURN = 1.0  # turn of a curve that winds between neighbouring points [rad], so that no whole turn is overlooked
 LIMIT_SAMPLES = 101  # points along a line at which joint limits are checked, ends included
 

@@ -19,7 +19,6 @@ from sqrp_cli.trajectory import JointPath, JointSpan, Trajectory
 
 _CORNER = np.array([[-45 / 128, 1 / 2, -5 / 32, 0.0, 1 / 128], [45 / 128, 1 / 2, 5 / 32, 0.0, -1 / 128]])
 """Chebyshev coefficients of the curve around a corner: its shares of the directions before and after it."""
-
 SPARE = 2e-3  # extra distance beyond the clearance, roughly kept by straight pieces and curves [m]; saves time
 SHORTCUTS = 60  # number of random shortcuts tried on a polyline
 REACHES = (1.0, 0.5, 0.25, 0.125)  # shares of the longest possible reach of a corner's curve, tried until one is free

@@ -13,15 +13,10 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.program.record import Program, ProgramTarget, Spans, Step
 
 SAME_TIME = 1e-6  # tolerance of times [s]
-
 LARGEST_JUMPS = (1e-6, 1e-4, 1e-2)
 """Largest jumps of a joint's position, velocity and acceleration [rad or m, and per s, and per s^2]."""
-
 LARGEST_SKEW = 1e-6  # largest deviation of the axes of a pose from unit length and right angles
-
 Keys = tuple[str | int, ...]
-
-
 Flaw = tuple[str, Keys, str]
 """A contradiction in a program: its code, the keys from the top of the file to its place, and the message."""
 

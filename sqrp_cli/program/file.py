@@ -29,18 +29,13 @@ from sqrp_cli.program.check import Keys, flaws, flaws_in
 from sqrp_cli.program.record import Program
 
 _KEYS = ("sqrp_program", "workspace", "digest", "steps")
-
 SHEBANG = "#!/usr/bin/env -S sqrp run --sim"
-
 _MAKE = "name a file that does not exist yet, and it is made: sqrp rank WORKSPACE TASK --program NEW.yaml"
-
 _NOT_SUMMED = {"checksum", "marks", "workspace", "made_for"}
 """Keys that the checksum leaves out; `digest`, which it includes, is that of `made_for`."""
-
 _CHANGES_NAMED = 4  # most changes of a workspace in a message
 _LIKE_NUMBERS = re.compile(r"[-+.]?[0-9].*")  # text that needs quotes, so that no reader takes it for a number
 _MOST_PLACES = 50  # most folders in which a renamed workspace is looked for
-
 _SIGNS = string.ascii_letters + string.digits + "+-"
 
 

@@ -20,10 +20,8 @@ from sqrp_cli.program.record import Program, ProgramPrimitive
 from sqrp_cli.records import dataclass
 
 LEAST_GAP = 0.01  # points closer than this to the beginning or end of a primitive are left out [periods]
-
 YAML_MARK = "# trajectory_msgs/JointTrajectory"
 """First words of an exported YAML file."""
-
 _DIGITS = 9
 
 

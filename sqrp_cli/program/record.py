@@ -73,7 +73,6 @@ def _trajectory(numbers: _Numbers) -> Trajectory:
 
 _Fault = Annotated[FaultMetrics, PlainSerializer(lambda one: {k: v for k, v in vars(one).items() if k != "why"})]
 """Without the reason why it is noticed late, which is for whoever ranks."""
-
 _Motion = Annotated[Trajectory, SerializedAs(_Numbers, _trajectory, Trajectory.to_numbers)]
 
 

@@ -22,7 +22,6 @@ STANDARD = "/joint_states"
 """The topic on which the states of a whole robot usually are."""
 LEAST_SHARE = 0.5
 """Of the longest time for which a joint is known."""
-
 JointTracks: TypeAlias = Mapping[tuple[str, str], tuple[Array, Array]]
 """Where joints were, as recorded: by topic and name, times of a clock [s] and positions, (n,); linear in between."""
 

@@ -21,10 +21,8 @@ from sqrp_cli.robot.kinematics import RobotModel
 
 WORDS = {"elbow": ("up", "down"), "shoulder": ("left", "right"), "wrist": ("no_flip", "flip")}
 """The names, each with the word for a positive figure and that for a negative one; see `branch_words`."""
-
 BETWEEN = 1e-9  # largest size of a figure that belongs to neither of two branches
 ALONG = np.cos(0.02)  # cosine from which two axes count as parallel: within 0.02 rad
-
 LEAST_OFFSET = 5e-3
 """Least distance of the shoulder from the first joint's axis, along that of the second, to have a side [m]."""
 

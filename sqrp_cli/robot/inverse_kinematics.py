@@ -38,7 +38,6 @@ SOLVED, POLISHED, NEARLY_SOLVED = 1e-11, 1e-13, 1e-6
 stops before its last step; and the largest from which it starts."""
 
 SAME = 1e-4  # solutions that differ by no more than this in each joint, whole turns ignored, count as one [rad or m]
-
 NEAR_SINGULAR, SINGULAR = 1e-3, 1e-6
 """Smallest singular values of the Jacobian below which neighbouring branches may merge or be curves, and below which a
 solution may lie on a curve of solutions."""
@@ -55,7 +54,6 @@ GENERIC = (0.7, 0.4, 0.6, 0.5)  # positions of held joints at which an arm is as
 SPREAD_STARTS = 16  # positions of three joints that are tried around a branch that is close to singular
 LONGEST_SLIDE, SLIDES = 0.2, 60  # longest step along a curve of solutions [rad or m], and most steps
 MOST_BRANCHES = 64  # solutions after which the search stops: no arm of six joints has more than 16 isolated ones
-
 SEED_STEPS, SEED_STARTS, SEED_SPREAD = 20, 8, 0.5
 """Steps in which an approximate solution must lead to a solution; starting points around an inexact one, and their
 largest distance from it [rad]."""
@@ -75,13 +73,9 @@ closed form. The fourth is none of them: an elbow is bent by how far away the po
 
 MOST_KEPT = 64  # most cached results of each robot
 NOMINAL_ANGLE = 2e-2  # axes of a calibrated arm within this angle of an axis of its root count as parallel to it [rad]
-
 NEAR_SEED = 2e-2
 """Largest pose error of a closed form's solution that is polished, in m and rad; calibrated arms need some."""
-
 NOMINAL_OFFSET = 2e-3  # offsets between the axes of a calibrated arm below this count as zero [m]
-
-
 _known: WeakKeyDictionary[RobotModel, dict[tuple[bytes, int, int], Array | Unreachable]] = WeakKeyDictionary()
 """Results of robots still in use, the oldest first."""
 

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 NAMED = 5  # most names in a warning
 MESH_ENDS = (".stl", ".obj")  # of the mesh files of MuJoCo that SQRP reads, too
 STAND_IN = 1e-3  # radius of the sphere that stands for a mesh [m]
-
 Told = list[Any]  # an element: its tag, attributes, file, line, column and elements inside
 Follower = tuple[int, float, float]  # the joint that one follows, the multiplier, and the offset [rad or m]
 MeshFile = tuple[str, Array, Array]  # of a mesh, the scale along x, y, z, and its pose in a geom, shape (4, 4)

@@ -152,10 +152,8 @@ def _groups(
 
 
 TOP = "joint_limits"  # the key of the joints; what is around it, such as a namespace of parameters, does not matter
-
 SCALED = ("velocity", "acceleration")
 """Limits that MoveIt multiplies with a factor, if the file states one; it leaves jerk as it is."""
-
 KINDS = (*SCALED, "jerk")
 
 _LIMITS: dict[str, dict[str, str]] = {
@@ -163,15 +161,12 @@ _LIMITS: dict[str, dict[str, str]] = {
     "position": {"min_position": "lower", "max_position": "upper"},
 }
 """The keys of each kind of limit, with what they state."""
-
 _KEYS = [key for kind, keys in _LIMITS.items() for key in (*keys, f"has_{kind}_limits")]
 _KEYS += ["max_effort", "has_effort_limits", "max_deceleration", "has_deceleration_limits", "has_soft_limits",
           "has_jerk"]  # fmt: skip
 """And what other programs read there, KUKA's the last."""
-
 _TOPS = (TOP, "robot_description_planning", "/**", *(f"default_{kind}_scaling_factor" for kind in SCALED))
 """With one of these keys a file is one of MoveIt."""
-
 _DEGREES = re.compile(rb"!(degrees|radians)\s+([-+.\deE]+)")
 
 

@@ -19,9 +19,7 @@ from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.robot import AXES_OF_A_POSE
 
 _PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29)
-
 _LEAST_DAMPING, _FIRST_DAMPING, _MOST_DAMPING = 1e-12, 0.1, 1e6
-
 FOLLOWED = 1e-20  # square of the weighted pose error at which a start is good enough
 STALLED = 1e6  # a step that reduces the square of the error by no more than one part in this is the last one
 LEAST_TURN = 1e-6  # least turn of the tool per motion of the joints that counts as one that the arm can make [rad/rad]
@@ -30,7 +28,6 @@ TURNED = "within reach only when turned"  # how `Unreachable` begins where that 
 MET = 1e-4  # largest pose error that `may_reach` allows, in m and rad, besides the arm's tolerance of angle
 TURN_STARTS, TURN_STEPS = 64, 30  # starting points and steps of the search for how an arm turns the tool at a place
 STARTS = 64  # starting points of the search for the closest pose that can be reached
-
 STAGES = ((1.0, 12, 32), (10.0, 20, 8), (100.0, 60, 8), (1000.0, 100, 8))
 """Successive weights of an error of 1 rad against one of 1 m; for each the steps, and how many of the best continue.
 
@@ -39,15 +36,11 @@ they are reached.
 """
 
 STEPS = 60  # steps of the search for places behind one out of reach
-
 PLACES_BEYOND, STARTS_BEYOND = 16, 16
 """Places behind one out of reach that are tried, and starting points of the search for each."""
-
 ROUNDS = 100  # rounds of moving the points on the axes to shorten their chain
 LEAST_DISTANCE = 1e-9  # added to distances from axes, so that their shares are defined when all are zero [m]
 HELD_ORIENTATION = 1e-3  # largest error of an orientation that counts as held [rad]
-
-
 Approach = tuple[Array, Array]
 """Joint positions at the end of a search from each of m starts, (m, n), and the pose errors that remain."""
 

@@ -26,19 +26,14 @@ from sqrp_cli.shapes import FIGURES, shape_of
 
 MAX_LINKS, MAX_JOINTS, MAX_SHAPES = 2000, 200, 500
 """Most links, movable joints and shapes of a robot, collision and visual ones together."""
-
 LONGEST_SLIDE = 100.0  # largest position limit of a prismatic joint [m]
-
 MOST_TURNS = 100
 """Largest position limit of a turning joint [turns]; larger ones mean "no limit" and are clipped to this."""
-
 NAMED = 5  # most links or joints that a warning names
 LEAST_MOMENT = 1e-9  # moments of inertia below this are rounding [kg m^2]
 ROUNDING = 1e-4  # share of the largest principal moment by which another may be below 0: exported moments are rounded
 TRIANGLE_ROUNDING = 0.05  # share by which a principal moment may be above the sum of the others, likewise
-
 _JOINT_TYPES: tuple[urdf.JointType, ...] = ("fixed", "revolute", "continuous", "prismatic")
-
 _SIZES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius",)}
 """Attributes of shapes that are nothing if one is 0; a capsule without a straight part is a sphere."""
 

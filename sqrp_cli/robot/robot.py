@@ -149,10 +149,8 @@ class ToolEntry(Entry):
 
 ANGLE_TOLERANCE = math.radians(0.5)
 """Of an arm with fewer than six axes, unless the workspace states another: URDFs round right angles to 1.57 or 3.14."""
-
 MOST_TOLERANCE = math.radians(10)  # largest tolerance that may be stated
 AXES_OF_A_POSE = 6  # an arm with this many axes takes any pose within its reach, exactly
-
 PositionsEntry = MappingOr[dict[str, AnyQuantity], Text]
 """Positions of joints by name, or the name of a state of the SRDF that has them."""
 
@@ -178,7 +176,6 @@ workspace nor the URDF states one, in rad (or m) and s."""
 
 
 PerJoint = MappingOr[dict[str, AnyQuantity], AnyQuantity]  # a limit of joints by name, or of all of them
-
 Factor = Annotated[float, In(None, 1e-3, 1.0)]
 
 

@@ -18,11 +18,8 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Part, Sphere
 
 JointType = Literal["fixed", "revolute", "continuous", "prismatic"]
-
 Resolve = Callable[[str, Path], Path]
 """Finds the file of a mesh reference: (reference, URDF that has it) -> path; raises InputError if there is none."""
-
-
 MeshReference = tuple[str, tuple[float, float, float]]
 """A mesh as the URDF names it, `package://...`, `file://...` or a path relative to it, and its scale along x, y, z."""
 LinkShape = Box | Sphere | Cylinder | Capsule | MeshReference

@@ -34,7 +34,6 @@ from sqrp_cli.robot.xacro_expression import UNOFFERED, evaluate
 MAX_EXPANDED = 50_000  # most elements that are looked at while a file is expanded
 MAX_RESULT = 20_000_000  # most characters of what a file stands for
 _PLACE = "place"  # key under which a node of the document knows where it was written
-
 _HOW_TO_GIVE = "say `args: {{{0}: VALUE}}` beside `xacro:`, or `{0}:=VALUE` after `init`"
 
 _HARMLESS = ("compile", "exec", "import", "glob.", "os.listdir", "os.scandir", "object.", "sys._getframe",

@@ -33,10 +33,8 @@ _METHODS: dict[type, frozenset[str]] = {
     tuple: frozenset({"count", "index"}),
 }  # fmt: skip
 """Methods that change nothing; of subclasses, too."""
-
 _REACHING = re.compile(r"__|\{[^{}:!]*[.\[]")  # in a format: an attribute or entry of a value
 _GUARD = "attribute of"  # what reads attributes in a compiled expression; no expression can be written with this name
-
 UNOFFERED = ("complex", "hash", "issubclass", "slice", "type", "vars")
 """Functions of xacro by which Python itself could be reached, or that no description needs."""
 

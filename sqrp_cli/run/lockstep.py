@@ -40,8 +40,6 @@ DueKind = Literal["tool", "primitive", "fault"]
 """A command to the tool, the beginning of a primitive, or a fault to inject."""
 Due: TypeAlias = Literal["grasp", "release", "released"] | ProgramPrimitive | InjectedFault
 """What is due at a time: for the tool, that it grasps, that it lets go, and that it has."""
-
-
 Moment: TypeAlias = tuple[float | None, Mapping[str, bool], bool]
 """What a run knows of a time: that of the step's motion [s], None before it; the true values of all atoms, in a real
 cell the planned ones; and whether the tool was commanded to hold."""

@@ -40,13 +40,9 @@ from sqrp_cli.task.grips import choice_in_words
 MAX_BYTES = 100_000_000  # largest baseline that is read, and written
 MOST_PROBLEMS = 10  # most problems of a baseline that are reported
 LEAST_ALIKE = 0.5  # least share of equal values by which a workspace is taken for one of another name in a baseline
-
-
 _SECTION = re.compile(r":(requirements|types|constants|predicates|functions|action|parameters|precondition|effect)\b")
-
 _FOR_ALL_JOINTS = re.compile(r"robot\.limits\.\w+")
 """A limit; its unit says whether it is for turning or sliding joints; without a unit it is for all."""
-
 _FILE_KEYS = frozenset({"urdf", "mjcf", "srdf", "mesh", "calibration", "hand_eye"})
 """Keys of a workspace file that name other files; the content of those counts, not their place."""
 

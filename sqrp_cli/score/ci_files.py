@@ -17,7 +17,6 @@ from sqrp_cli.score.result import Scorecard, TaskScore, listed
 from sqrp_cli.shown import one_line
 
 _HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'
-
 _SIGNS = re.compile(r"[\\`*_|<>\[\]&~$]|:(?=//)|(?<=www)\.", re.IGNORECASE)
 """Characters with a meaning in Markdown within a line, except in addresses, which GitHub would turn into links."""
 

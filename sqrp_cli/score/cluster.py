@@ -40,10 +40,7 @@ if TYPE_CHECKING:
 CONNECT_TIMEOUT = 5.0  # how long to wait for the scheduler, first for its greeting, then for the connection [s]
 LOOKS = 5.0  # period of checking for workers [s]
 MOST_BYTES = 1_000_000  # largest scheduler file that is read
-
 _MEND = "start one with `dask scheduler`, and give its address (tcp://HOST:8786) or its scheduler file"
-
-
 Tls = tuple[Path, Path, Path]
 """Files that encrypt connections to a cluster: the certificate of its authority, our own, and the key of that."""
 

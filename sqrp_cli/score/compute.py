@@ -83,8 +83,6 @@ def run_job(job: Job, placed: Callable[[Workspace], Workspace] = lambda workspac
 
 _cells: OrderedDict[tuple[str, int], Cell] = OrderedDict()
 _one_at_a_time = threading.Lock()  # a cell has working memory of its own, and a cluster may run threads
-
-
 Workers = Callable[[Sequence[Job], Callable[[], bool]], Iterator[tuple[int, Answer]]]
 """Those that do jobs elsewhere, as `cluster.Cluster.answers`: the answer to each job, by number, as they come; none of
 those that are not done once it is enough."""

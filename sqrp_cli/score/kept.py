@@ -57,7 +57,6 @@ _RECORDS = {
     )
 }
 """What lines are made of; one that names anything else is none of ours."""
-
 _TAG = "@"  # key of what a JSON object stands for, where it is no mapping
 
 

@@ -23,12 +23,9 @@ from sqrp_cli.score.result import Scorecard, ScoredVariant, Sweep
 from sqrp_cli.score.score import ScoredCell, read_cell, score_cells
 
 MAX_VARIANTS = 10_000  # most variants of a sweep
-
 _END = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D*?)\s*")
-
 _QUALITY_STEP, _DELAY_STEP = 1e-3, 0.01
 """Qualities are compared rounded as in a ranking, and delays [s] as they are shown: sampling may cause finer ones."""
-
 Values = tuple[tuple[str, str], ...]  # the values of a variant, as YAML text, by dotted path
 
 

@@ -45,13 +45,9 @@ from sqrp_cli.study.ranking import compared_quality
 MOST_SOLVED, MOST_SOLVED_ASIDE = 200, 12  # programs at most: for the question, and to say what fewer cameras would do
 _SAME_TIME = 1e-3  # times that differ by less may count as the same in a ranking [s]
 _FINEST = 0.005  # moves are not tried in smaller steps than this [m]; aims not in less than a degree
-
 _HALVINGS = 4  # how often the step is halved, at most
-
 _COMPARED = ("q_eoi", "q_avg", "time")  # the figures that tell whether `rank` takes a way with others
-
 _QUALITIES = attrgetter("q_eoi", "q_avg")
-
 Found = TypeVar("Found")
 
 

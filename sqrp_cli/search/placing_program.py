@@ -20,10 +20,8 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.search.placing_problem import Problem, Requirements, Selection
 
 Terms = Mapping[int, float]  # a linear expression: the factor of each variable, by its number
-
 Watch = Callable[[str, float | None, float], None]
 """Told what is sought, the best value so far if there is one, and the bound."""
-
 SLACK = 1e-7  # by how much a later objective may worsen an earlier one: figures of the solver are rounded
 DELAY_STEP = 0.01  # delays are compared in whole steps [s]
 

@@ -21,7 +21,6 @@ else:  # no file has them
     Array = Camera = CandidateResult = Cell = Installation = Mask = Any
 
 ROUNDED = 5e-4  # qualities that differ by less are the same: outputs and rankings round them to 0.1 points
-
 _COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 
 

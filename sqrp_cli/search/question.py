@@ -30,7 +30,6 @@ from sqrp_cli.task.task import Candidate
 
 TaskWays = tuple[str, tuple[Candidate, ...]]
 """A task by its text, with the ways in which its candidates are done."""
-
 AnalysedWay = tuple[Candidate, WholeAnalysis | Infeasible]
 """A way of a candidate with its analysis, or why it cannot be done."""
 

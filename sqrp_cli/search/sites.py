@@ -137,7 +137,6 @@ def installations_at(site: Site, middle: Array, middles: Sequence[Array]) -> Ite
 
 ViewBatch = tuple[JudgedWay, Sequence[Installation]]
 """A piece of the work: what some installations see in a way."""
-
 Verdicts = Callable[[Sequence[ViewBatch]], Iterable[tuple[int, Mask]]]
 """Where verdicts come from, processes, a cluster, or a run before this one: of every batch its number, in any order,
 and what it shows, as `verdicts_of`."""

@@ -13,7 +13,6 @@ from sqrp_cli.geometry import Array
 
 FINE = 16
 """The fine grid has at most so many steps to every side."""
-
 COARSE = {2: 12, 3: 4}
 """Steps of the grid of each shell to every side, by the dimension."""
 

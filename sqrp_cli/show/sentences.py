@@ -32,7 +32,6 @@ KIND_WORDS: Mapping[Kind, str] = {
     "camera": "another camera",
 }
 """What kinds of changes are called."""
-
 LEAST_GAIN = 0.001  # share of what is hidden below which a move of what hides it is not worth a sentence
 LEAST_SHOWN = 5e-4  # least share of a part in a list of several
 MOST_PARTS = 3  # parts that a sentence names; the others count together

@@ -78,7 +78,6 @@ CauseLabel = Literal[
     "same_colour", "too_dark", "too_bright",
 ]  # fmt: skip
 """The labels of all causes."""
-
 SIDES = ("left", "right", "top", "bottom")
 """Sides of an image, in the order of their codes."""
 

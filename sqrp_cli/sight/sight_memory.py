@@ -18,10 +18,8 @@ from sqrp_cli.sight.targets import Target
 
 UNKNOWN, UNSEEN, SEEN = -1, 0, 1
 """Whether a camera sees all boxes of a target."""
-
 Sights: TypeAlias = NDArray[np.int8]
 """For each of c cameras and q questions one of `UNKNOWN`, `UNSEEN` and `SEEN`, shape (c, q)."""
-
 MOST_QUESTIONS, MOST_CAMERAS = 100_000, 64
 """Of how many questions, and of how many placed cameras, answers are kept at most: 150 bytes a question and one an
 answer, so 22 MB.

@@ -28,11 +28,8 @@ They enclose cylinders (0.2 % too wide); the faces of spheres and capsules are w
 
 OBJECT_FACTOR = 50.0
 """Ratio of the sizes of an object and its mesh from which the mesh's scale is doubted."""
-
 _CLOSED = 1e-3
 """Tolerance of the winding number of a closed surface around a point."""
-
-
 _made: WeakValueDictionary[object, kernel.Solid] = WeakValueDictionary()
 """Solids of the kernel still in use."""
 _latest = deque[kernel.Solid](maxlen=500)

@@ -24,12 +24,9 @@ from sqrp_cli.logic.pddl_parser import parse_domain
 from sqrp_cli.skill import settings, skill
 
 FreedEntry = TypeVar("FreedEntry", bound=Entry)
-
 SKILL_FILE = "skill.yaml"
-
 FINGERS, MARKERS = "fingers", "markers"
 """Folders in that of a skill for tools with fingers, and with markers on them, where these do it differently."""
-
 PATH = "path"  # the parameter that every skill with joint moves has, unless they state their paths
 
 

@@ -113,7 +113,6 @@ class Kind:
 
 
 PATHS = Kind(words=(DIRECT, SEEN, ANY))  # the paths of joint moves
-
 Turn = Annotated[Setting, Kind(units.ANGLE, least=-units.TURN, most=units.TURN)]
 Yaw = Annotated[Setting, Kind(units.ANGLE, least=-units.TURN, most=units.TURN, words=(ANY,))]
 Side = Annotated[Setting, Kind(words=("+x", "-x", "+y", "-y", "+z", "-z", ANY))]

@@ -298,15 +298,12 @@ class FormulaEntry(Entry):
 
 
 FormulaOrText = MappingOr[FormulaEntry, Text]
-
-
 Meaning = Literal["held", "nothing held", "stands on a fixture", "stands on the other"]
 """What a predicate says of the cell at the beginning: of its first object, or of the tool."""
 OBJECTS_OF: Mapping[Meaning, int] = {
     "held": 1, "nothing held": 0, "stands on a fixture": 1, "stands on the other": 2,
 }  # fmt: skip
 """How many objects a predicate of each meaning is about."""
-
 MOST_ENTRIES = 200  # of a kind in a skill
 
 

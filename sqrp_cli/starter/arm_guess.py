@@ -16,13 +16,10 @@ from sqrp_cli.robot.urdf import UrdfJoint, UrdfModel
 
 _GRIPPER_JOINT = re.compile(r"finger|grip|jaw|claw|knuckle|thumb|hand_(index|middle|ring|little|pinky)", re.IGNORECASE)
 """Words in the names of gripper joints."""
-
 _TOOL_WORDS = ({"tcp"}, {"tool0", "tool"}, {"ee", "eef", "effector"}, {"flange"}, {"hand", "tip"})
 """Words in usual names of tool frames, the most specific first."""
-
 MOST_SHARED = 4
 """Joints that an arm has to itself, in addition to those that it shares with another one, such as a torso."""
-
 LEAST_SWING = 0.02  # least distance of a tool from an axis that swings it [m]
 LEAST_ACROSS = 1.2  # that distance as a share of the one along the axis, at least
 LONGEST_FINGER = 2  # most joints of a finger in a row; a branch with more is an arm

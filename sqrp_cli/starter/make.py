@@ -30,28 +30,19 @@ from sqrp_cli.task.feasibility import feasible_motion
 from sqrp_cli.task.task import read_task
 
 SHIPPED = Path(__file__).parent  # folder of the shipped skills and robots
-
 OWN_ARM = "robots/six_axis_arm.urdf"
 SUCTION_CUP = "robots/suction_cup.urdf"
 SKILL = "skills/pickup"
-
 LARGEST_CUBE, SMALLEST_CUBE = 0.05, 0.02  # side of a cube [m]; between these a twentieth of the arm's reach
-
 COMMON_PART = 0.05  # width of parts that a hand with one moving jaw is opened for, at least [m]
-
 HOMES = ("home", "ready", "default", "start")
 """Words in the names of states from which work begins, the likeliest first."""
-
 BESIDE = "beside: 3 mm"  # of the jaw that stands still, until the other one pushes the part to it
-
 LIFT = 0.1  # how far the skill lifts a cube [m]
 SMALL, CLOSER = 0.5, {"lift: 10 cm": "lift: 5 cm", "retreat: 6 cm": "retreat: 4 cm"}
 """Reach of arms that lift and approach less [m], and what their skill states instead."""
-
 _MEND_GRIPPER = "leave `--gripper` out, then state it as `robot.tool`, with `boxes` or its `urdf`, and `robot.fingers`"
-
 TOLERANT = "\n  angle_tolerance: 0.5 deg  # check: a limit of the wrist leaves the tool that far from straight down"
-
 ASSUMED = {"acceleration": 2, "jerk": 20}
 """Limits that a URDF cannot state: gentle ones [rad/s^2, rad/s^3, or m for a sliding joint]."""
 

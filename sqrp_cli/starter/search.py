@@ -24,56 +24,40 @@ from sqrp_cli.task.task import Candidate, read_task
 
 LIFTS = (0.0, 0.15, 0.3, 0.45)
 """Heights of the root above the table to try, as shares of the reach: small arms need a pedestal to point down."""
-
 SHOULDERS = (0.3, 0.15, 0.45, 0.6)
 """Heights of the shoulder above a table before the arm to try, as shares of the reach."""
-
 DIRECTIONS = tuple(turn * pi / 180 for turn in (0, -90, 90, 180))
 """Directions from the base in which the work may lie [rad], the preferred one first."""
-
 LARGEST_TABLE = 100.0  # side of the largest table, for arms on long rails [m]
 GAP = 0.05  # between what stands and a table before it [m]
 MOST_BEFORE = 3  # tables before the arm that are tried, those first that most of the tool's places are above
 MOST_STANDS = len(LIFTS) + MOST_BEFORE  # heights and places of the table that are tried at most
-
 PLACES, STEPS = 1024, 25
 """Positions of the joints from which places are searched where the tool points down, and steps of that search."""
-
 WORK_HEIGHT = 0.3  # how far above a table the tool works, as a share of the reach
 TOOL_GAP = 0.002  # gap between what the arm carries and the suction cup [m]
 NEAR_AXIS = 0.95  # cosine of the angle within which a tool points along an axis of the link that carries it
-
 HOME_SHARES = ((0.55, 0.35), (0.45, 0.3), (0.65, 0.3), (0.5, 0.5), (0.35, 0.35), (0.7, 0.2))
 """Tool positions at home: distance from the base and height above the table, as shares of the reach."""
-
 MORE_HOMES, ASKEW = 24, 0.8
 """Other places of the tool that are tried at last, and how far off the direction of the work they may be [rad]."""
-
 LOW = 0.25  # height below which places of the tool count as ones above the table, as a share of the reach
 MORE_CUBES = 12  # cubes that are tried where few usual places are within reach
 FREE_TURN = 5  # an arm with this many axes can turn a tool that points down about its axis; others may not
 CUBE_SHARES = (0.5, 0.62, 0.4, 0.72, 0.3)  # distances of cubes from the base, as shares of the reach
-
 CUBE_TURNS = tuple(turn * pi / 180 for turn in (0, -25, 25, -50, 50))
 """Directions of cubes relative to that of the work [rad]."""
-
 TURNED_IN_VAIN = 3  # cubes that are tried with the tool turned where none can be picked up without
-
 COLORS = ("green", "green", "red", "green")
 """Colours of the cubes, in the order in which they are placed: few then stand behind another of their colour."""
 VIEW_HEIGHT = 35 * pi / 180  # elevation of the cameras above what they look at [rad]
-
 BEHIND, ASIDE = 150 * pi / 180, -60 * pi / 180
 """Directions of the first camera, over the arm's shoulder, and of the second, relative to that of the work [rad]."""
-
 HALF_VIEW = 20 * pi / 180
 """Half the angle within which the first camera sees all cubes [rad]; its image is wider, for arm and lift."""
-
 SHIFTS = (0.0, 30 * pi / 180, -30 * pi / 180, 60 * pi / 180, -60 * pi / 180)
 """By how much a camera goes aside where the robot is in its place [rad]."""
-
 CLEARANCE = 0.1  # between a camera and a link of the robot at home, at least [m]
-
 CLOSE_UP = 0.35
 """Distance of the second camera as a share of the first's: it sees some of the cubes, and what is lifted there."""
 

@@ -29,15 +29,9 @@ if TYPE_CHECKING:
 IMAGE_SPACING = 0.2  # simulated time between the images of a camera that browsers get [s]
 STATE_SPACING = 0.05  # the same of the poses of everything [s]
 IMAGE_QUALITY = 70  # of JPEG, in percent
-
-
 TOO_LATE = "the run was over before the click"  # why nothing is dropped
-
-
 Offer = tuple[str, tuple[str, ...], bytes]
 """A change that was found: in words, the words of the command that makes it, without the workspace, and the file."""
-
-
 Job = Callable[[Connection], None]
 """Does its work, and reports through the pipe: each time a text in JSON for browsers, and what can be applied."""
 

@@ -64,7 +64,6 @@ def handles(workspace: Workspace) -> dict[str, Any]:
 
 
 Words = Annotated[str, Field(max_length=2000, pattern=r"^[^\x00]*$")]  # no name of a file has a zero byte
-
 PLAIN = ("rest", "undo", "redo", "difference", "save", "advise", "place", "stop", "reread")  # what needs no more words
 
 _FIELDS: Mapping[str, Mapping[str, Any]] = {
@@ -80,8 +79,6 @@ _FIELDS: Mapping[str, Mapping[str, Any]] = {
     **{do: {} for do in PLAIN},
 }
 """What browsers may ask for: by its `do`, the other fields of such a message."""
-
-
 _make: Any = create_model
 _RECORDS: Any = tuple(
     _make(

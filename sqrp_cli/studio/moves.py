@@ -21,15 +21,10 @@ from sqrp_cli.geometry import Array, axis_rotation, inverse, look_at, matrix_to_
 from sqrp_cli.records import dataclass
 
 Point = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
-
 MOST_CHANGES, MOST_KEPT = 500, 50_000_000
 """How many changes can be taken back, and how long their texts may be together [bytes]; the oldest go first."""
-
 FARTHEST = 100.0  # how far from the origin of its frame anything can be put [m]
-
-
 SAME = 5e-5  # what differs by less is as it was, as the page rounds to 0.1 mm [m, rad]
-
 DEGREE = np.pi / 180  # [rad]
 NARROWEST, WIDEST = np.radians([1.0, 177.0]).tolist()
 """The least and the greatest horizontal field of view of a lens [rad]."""

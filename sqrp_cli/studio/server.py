@@ -24,10 +24,8 @@ CLOSE_TIMEOUT = 1.0  # a browser that does not answer the end of a connection fo
 LARGEST_MESSAGE = 1_000_000  # of what a browser sends [bytes]
 MOST_WAITING = 32  # messages that may wait for a browser before it gets no more of those that the next ones replace
 MOST_UNREAD = 50_000_000  # a browser for which so many characters wait is cut off: it does not read
-
 MOST_AT_ONCE, MOST_PER_SECOND = 200, 100.0
 """How many messages of a browser are heard without a pause, and how many for long; others wait in the network."""
-
 Tell = Callable[[str], None]
 
 

@@ -23,10 +23,8 @@ from sqrp_cli.study.timeline import PlannedMotion, SampledMotion, Timeline
 from sqrp_cli.study.whole_analysis import mean_quality
 
 SHORTEST, MOST = 0.1, 250  # least time between the instants of a sketch [s], and about how many there are at most
-
 _UNASKED: Any = None  # in place of whether an atom is covered, where no formula asks
 _COLUMNS = ("cause", "by", "figure", "visible")  # of verdicts, each with a column for every camera
-
 Matrix = tuple[tuple[BoxVerdicts, ...], ...]  # per target and box, the verdicts of cameras
 
 

@@ -47,7 +47,6 @@ from sqrp_cli.task.feasibility import feasible_motion
 
 KEPT_PLANS = 64  # motions of so many candidates at most are kept for other cameras
 LOWER_PRIORITY = 10  # by how much processes that take longer are nicer than others: browser and sketches go first
-
 _Answer = tuple[CandidateResult, Sequence[Seen]]
 """Of a process that assesses a candidate, with what it learnt of what cameras see."""
 

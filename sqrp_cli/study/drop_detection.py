@@ -76,28 +76,20 @@ USUAL = DropRule(
     covered=EMPTY,
 )
 """So much is usually enough."""
-
 GRAVITY = 9.81
 """[m/s^2]."""
-
 _STARTS, _STEP = 25, 0.1
 """Instants of an interval at which a part is let fall: at least so many, and one in so many seconds."""
-
 LONGEST = 4.0
 """How long what is lost is followed [s]; what images do not show by then, they never do."""
-
 _FALL = LONGEST * np.linspace(0.0, 1.0, 81) ** 2
 """Times after it is lost at which it is looked at [s], the first ones closer."""
-
 _FIRST = 32
 """So many of these times tell when nearly all drops are seen; all of them are looked at for the others alone."""
-
 _SOON = 0.8
 """How long after a loss cameras count that judge the part [s]."""
-
 _ALONG = 2.0
 """What moves away from a camera so many times as far as across its line of sight falls along that."""
-
 _NEVER = 1e3
 """How long after the motion what no image shows is shown [s]: after all windows."""
 

@@ -21,8 +21,6 @@ from sqrp_cli.study.result import HiddenTarget
 
 _VIEWS = 4000
 """Views to look at together, to bound the memory."""
-
-
 HiddenViews = Sequence[Sequence[Mapping[tuple[int, int], tuple[HidingPart, ...]]]]
 """What hides each box of each target, the largest share first, by the indices of sample and camera; where it is hidden.
 

@@ -90,10 +90,8 @@ def evolution(mean: Array, deviation: Array, size: int, seed: int) -> Generator[
 
 SEARCH_WEIGHT = 10.0
 """Seconds of motion that a blind second counts for in the search: more than in the end, so that it learns to see."""
-
 COST_DECIMALS = 6
 """Costs equal to this many decimals of a second are equal."""
-
 DEVIATION, FINE_DEVIATION = np.deg2rad(30.0), np.deg2rad(6.0)
 """Of the first vias in every joint [rad]; of sliding joints, as many metres: around the middle of the direct path, and
 around the best path so far."""
@@ -112,20 +110,14 @@ direct path, near the best path, and around that with two vias in place of one."
 
 POPULATION = 12
 """Paths tried at once."""
-
-
 Closeness = tuple[float, int, int]
 """How closely a path is looked at: the time between looks [s], about, and the fewest and most looks at one path."""
-
 ROUGHLY, FINELY = (1.0, 8, 16), (0.3, 24, 48)
 """For all of a population, and for the better half of it."""
-
 EXACTLY = (0.0, 100, 100)
 """For paths that seem to be the best, and those that are left in the end."""
-
 PATH_COST = 10
 """The work of drawing and timing one path, in looks."""
-
 SETTLED = 0.1
 """A move that cannot win more than this any more is not searched further [s]."""
 

@@ -52,7 +52,6 @@ class Explained(NamedTuple):
 
 _Known = dict[tuple[str, ...], tuple[CandidateResult, World | None]]
 """Steps in their best ways, and the worlds that they leave; None of an infeasible one."""
-
 _known: WeakKeyDictionary[World, WeakKeyDictionary[Cell, _Known]] = WeakKeyDictionary()
 """Steps that several candidates share, by the world that they start from."""
 

@@ -22,14 +22,12 @@ from sqrp_cli.task.candidate import Candidate
 
 SHORTEST_BRACKET = 1e-7
 """Transitions are not bisected further than this [s]."""
-
 _SHARE = 0.1
 """Of the error that may remain, so much is left: qualities are compared rounded to the default, and ways that see the
 same must not differ by how their brackets lie."""
 
 _CUTS = range(1, 9)
 """In how many rounds a bracket may be narrowed."""
-
 _LOOK = 100
 """Fixed cost of one observation, in samples."""
 

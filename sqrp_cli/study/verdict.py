@@ -52,7 +52,6 @@ _CHANGED = frozenset(
     (Cause.BEHIND, Cause.OUT_OF_IMAGE, Cause.TOO_NEAR, Cause.TOO_FAR, Cause.DETECTOR_NEAR, Cause.DETECTOR_FAR)
 )
 """The limits for which changes of a camera are tried: turns for the first two, moves for the others."""
-
 _OTHER_WAY = ", or try another approach"
 """What is left out where all ways were tried already, and where a skill goes nowhere in more ways than one."""
 

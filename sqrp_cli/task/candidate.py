@@ -89,7 +89,6 @@ class Task:
 
 
 _BETWEEN = re.compile(r"(?:^|(?<=\s))then(?=\s|$)")
-
 MOST_WHOLE = 1000
 """Most candidates of a task of several steps."""
 

@@ -24,7 +24,6 @@ from sqrp_cli.task.candidate import split_steps, whole_task
 
 MAX_CANDIDATES = 100_000
 """A task with more candidates than this is refused."""
-
 MOST_OF_UNIT = 3
 """Most letters of an unknown word that may be meant as a unit."""
 

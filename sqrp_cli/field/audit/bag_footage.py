@@ -186,8 +186,6 @@ _ONE_RUN = 2.0
 """Starts that fit as well as the first one, and are not later than this after it [s], are of the same run."""
 _BLOCK = 4096
 """Starts that are tried at once."""
-
-
 Tracks: TypeAlias = Mapping[str, tuple[Array, Array]]
 """Where joints were, as recorded: by name, times of the robot's clock [s] and positions, (n,); linear in between."""
 

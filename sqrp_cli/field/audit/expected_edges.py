@@ -38,8 +38,6 @@ POINTS = 400
 """Points of the edges in an image, at most."""
 STEP = 0.005
 """Time over which speeds are measured [s]."""
-
-
 ExpectedEdges: TypeAlias = Mapping[str, Array]
 """n points of the edges in an image, by what is known of them.
 

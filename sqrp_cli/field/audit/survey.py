@@ -46,8 +46,6 @@ SURE = 4.0
 """Standard deviations that an error must have to be one."""
 MEETS = 0.75
 """Largest mean loss of edges (`CameraFit.cost`) of an image that shows the cell at all."""
-
-
 Filmed: TypeAlias = tuple[list[tuple[Frame, NDArray[np.uint8]]], Array, Array]
 """What is needed of the images of a camera: those in which edges are looked for, in grey; the times of all [s], (n,);
 and by how much each differs from the next, (n - 1,): mean over the pixels, small changes only [of 255]."""

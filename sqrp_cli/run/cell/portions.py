@@ -30,8 +30,6 @@ SETTLES = 0.3
 """After a motion, a robot that follows it with a lag may still be off for so long [s]."""
 JUMP = 0.02
 """How far a portion may begin from where the robot will be by the one before [rad or m]."""
-
-
 Send = Callable[[Array, JointStates], None]
 """Takes points of a trajectory, the last one at rest: when they are, from when it is sent and begins [s], rising, shape
 (m,); and the joints then, shape (m, n) each."""

@@ -44,7 +44,6 @@ DOCUMENTS: Mapping[str, Any] = {
     command: reduce(or_, map(record_of, kinds)) for command, kinds in groupby(KINDS, lambda kind: kind.split()[0])
 }
 """What each command prints with `--json`."""
-
 RECORDS: Mapping[str, Any] = {"log": LINE}  # the content of each line of a file that commands write
 NAMES = (*FILES, *DOCUMENTS, *RECORDS)  # everything that has a schema
 

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 MOST_TRIANGLES = 3000  # triangles of a part in a page; larger meshes are simplified to this many
 _SAME_PLACE = 8  # vertices that are equal to so many decimals of a metre are one
-
 _VIEWER = ("resources/templates/viewer.zip", "viewer.html.template")
 """Where trimesh keeps its own viewer page: an archive among its files, and the file in it."""
 
@@ -232,7 +231,6 @@ def row(entry: PageRow) -> dict[str, Any]:
 # Colours of pages and pictures
 
 Color = tuple[int, int, int]  # red, green and blue, 0 to 255
-
 COVERED: Color = (42, 157, 111)
 HIDDEN: Color = (208, 58, 75)
 CULPRIT: Color = (238, 158, 166)

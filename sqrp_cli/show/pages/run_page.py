@@ -22,7 +22,6 @@ WITNESSED = (
     " the cameras, say what the images taken at that time showed."
 )
 """What is shown in three dimensions, in words."""
-
 _TRUE = "predicted images that showed it"
 
 

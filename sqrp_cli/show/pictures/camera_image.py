@@ -77,7 +77,6 @@ def check_rays() -> None:
 # Through a lens
 
 CLOSE = 1e-2  # greatest distance of a projected direction from its pixel [pixels]
-
 _ITERATIONS = 25
 _STEP = 1e-5
 
@@ -120,16 +119,12 @@ def directions(projection: Projection, pixels: Array) -> tuple[Array, NDArray[np
 # Pictures
 
 Image = NDArray[np.uint8]  # rows of pixels, shape (height, width, 3)
-
 SUN: Array = np.array([0.35, -0.5, 1.0]) / np.linalg.norm([0.35, -0.5, 1.0])  # direction to the light, in the world
-
 _AMBIENT, _DIRECT, _SHADE = 0.62, 0.44, 0.45
 """Ambient brightness, what the light adds, and the share of the light that reaches a shadow."""
-
 _SKY_LOW, _SKY_HIGH = np.array([215.0, 224.0, 232.0]), np.array([247.0, 250.0, 252.0])
 _OUTSIDE = 24.0  # grey of pixels that the lens does not reach
 _SAME_SURFACE = 0.95  # cosine of the angle between neighbouring normals below which there is an edge
-
 _QUARTERS = np.array([[x, y] for x in (-0.25, 0.25) for y in (-0.25, 0.25)])
 """Where a pixel on an edge is sampled instead of at its centre."""
 

@@ -15,24 +15,17 @@ from sqrp_cli.show.pages.assembly import Color, visible
 from sqrp_cli.show.pictures.camera_image import Image
 
 LINE = 19  # height of a line of text [pixels]
-
 _MARGIN = 8
 _THUMB = 320  # width of a picture in a contact sheet [pixels]
 _TALLEST = 4 * _THUMB  # greatest height of such a picture; an image may be a single column
-
 _INK, _FAINT, _PAPER = (23, 33, 43), (91, 104, 117), (255, 255, 255)
 _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.abs(BOX_SIGNS[a] - BOX_SIGNS[b]).sum() == 2]
 _LEAST_Z = 0.01  # edges are drawn from this distance to the camera on [m]
 _FARTHEST = 1e4  # edges are drawn up to this distance outside the image [pixels]
-
-
 Caption = tuple[str, Color | None]
 """A line under a picture, after a spot of a colour if there is one."""
-
 BoxOutline = tuple[Array, Color]
 """A box to draw around: its corners in the optical frame, (8, 3) [m], in the order of `BOX_SIGNS`."""
-
-
 Picture = tuple[Any, Sequence[Caption]]
 """A camera's image with outlined boxes, as Pillow's image, and the lines under it."""
 

@@ -30,10 +30,7 @@ from sqrp_cli.study.in_the_way import HiddenViews, hidden_views
 from sqrp_cli.study.verdict import stretches
 
 SHEET = "contact-sheet.png"
-
 MOST_PIXELS = 1_000_000  # most pixels of a picture; a camera with more gets a smaller picture
-
-
 BlindInterval = tuple[float, float, int]
 """A stretch in which a state is not covered, from when to when [s], and the sample nearest to its middle."""
 

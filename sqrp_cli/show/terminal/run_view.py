@@ -37,10 +37,7 @@ if TYPE_CHECKING:
 MOST_DISAGREEMENTS = 8  # groups of disagreements in a table
 LONG_AGO = 0.1  # a fault that came true later than that after it was asked for [s] has a sentence about it
 TAIL = 0.3  # a step whose last image that is compared is earlier than this before its end [s] is not seen to its end
-
-
 _STYLES = {Truth.TRUE: "green", Truth.FALSE: "cyan", Truth.UNKNOWN: "yellow"}
-
 _REPLAY_SPEED = 4.0  # speed of a replay, as a multiple of real time
 
 

@@ -33,9 +33,7 @@ from sqrp_cli.show.terminal.progress_lines import PERIOD, Verbosity, lines_wante
 from sqrp_cli.show.terminal.rank_table import print_infeasible
 
 _FIGURES = ("noticed\nat the\nlatest [s]", "critical\ntime\nseen [%]", "time\nseen\n[%]", "takes\n[s]")
-
 _STYLES = {"passed": "green", "failed": "red", "error": "bold red"}
-
 MOST_CHANGES = 6  # changes of advice that are shown all; of more, the least of each kind and the one to take
 ROWS = 20  # variants in the table; the document has all
 

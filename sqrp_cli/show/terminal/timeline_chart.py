@@ -48,7 +48,6 @@ SIGNS: Mapping[str | None, tuple[str, str, str]] = {
     "too_bright": ("b", "red", "too bright"),
 }
 """Sign, colour and words of each cause, in the order of the legend; None: seen."""
-
 SELDOM = ("behind", "same_colour", "too_dark", "too_bright")  # in the legend only where a camera does not see for that
 NOT_REQUIRED = ("·", "dim")  # sign where no formula requires a literal
 
