@@ -40,7 +40,7 @@ ROOMS = {
     "run": ("run", 7_328),
     "field": ("field ros", 2_923),
     "score": ("score", 2_307),
-    "show": ("show", 5_173),
+    "show": ("show", 5_174),
     "ask": ("ask cli __init__ __main__", 5_356),
     "studio": ("studio", 1_745),
     "starter, platform": ("starter platform", 2_389),

@@ -203,4 +203,4 @@ def test_a_program_that_others_wrote_is_listed_harmlessly(sqrp, program):
         assert is_harmless(outcome.out)
         assert is_harmless(outcome.err)
         assert outcome.code == code, outcome.err
-    assert f"at the latest after 0.15 s: moved{one_line(IN_PATH)[:5]}" in " ".join(sqrp("program", path).out.split())
+    assert f"at the latest after 0.15 s if `moved{one_line(IN_PATH)[:5]}" in " ".join(sqrp("program", path).out.split())

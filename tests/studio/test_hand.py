@@ -359,7 +359,7 @@ def test_nothing_is_cut_off_and_every_stop_of_the_tab_key_is_in_sight(browser, s
         "critical time seen",
         "time seen",
         "time [s]",
-        "slip noticed after [s]",
+        "noticed after [s]",
         "at the latest",
     ]
     assert hand.js(CUT) == []

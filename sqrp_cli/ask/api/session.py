@@ -63,11 +63,11 @@ class Session:
         world, is made again from there on, unless `after` names it, too. Where that is all of it, the workspace may
         have changed since it was written. Raises InputError for input that cannot be used.
         """
-        from sqrp_cli.program.file import check_program, load_program
-
         after = None if ask.after is None else Path(ask.after)
         world, again, anew = cell.initial_world, 0, False
         if after is not None:
+            from sqrp_cli.program.file import check_program, load_program
+
             check_program(before := load_program(after), after, cell.workspace)
             world = before.steps[-1].after if before.steps else world
         if written is not None and written.exists() and (after is None or real_path(after) != real_path(written)):

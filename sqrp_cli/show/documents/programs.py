@@ -124,7 +124,8 @@ class ProgramDocument(Document):
                 )
                 for one in step.primitives
             ]
-            happens = {one.fault: one.words or f"`{one.fault}` happens" for one in step.formulas if one.fault}
+            words = {one.fault: one.words for one in step.formulas}
+            happens = {name: words.get(name) or f"`{name}` happens" for name in step.faults}
             span = {
                 "happens": happens,
                 "start": start,

@@ -114,7 +114,7 @@ class EntryTable {
     const cells = shown.map((column) => make('td', { class: column.number ? 'number' : null }, column.cell(e, i)));
     if (shown !== this.columns)
       cells.push(
-        make('td', { class: 'faint', colspan: this.columns.length - this.telling }, named(`cannot be done: ${e.reasons[0] ?? ''}`)),
+        make('td', { class: 'faint', colspan: this.columns.length - this.telling }, named(e.reasons.length ? `cannot be done: ${e.reasons[0]}` : '')),
       );
     return cells;
   }
