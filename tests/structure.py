@@ -30,11 +30,11 @@ ROOMS = {
     "camera": ("camera", 2_306),
     "cell": ("cell", 3_557),
     "logic": ("logic", 2_316),
-    "skill, program, recording": ("skill program recording", 2_779),
+    "skill, program, recording": ("skill program recording", 2_785),
     "task": ("task", 985),
-    "motion": ("motion", 2_946),
+    "motion": ("motion", 2_953),
     "sight": ("kernel sight", 1_494),
-    "study": ("study", 4_557),
+    "study": ("study", 4_559),
     "search": ("search", 4_285),
     "checks": ("checks", 1_356),
     "run": ("run", 7_328),
@@ -43,7 +43,7 @@ ROOMS = {
     "show": ("show", 5_174),
     "ask": ("ask cli __init__ __main__", 5_356),
     "studio": ("studio", 1_745),
-    "starter, platform": ("starter platform", 2_389),
+    "starter, platform": ("starter platform", 2_391),
 }
 """The rooms of the package: what is in each, the longest beginning of a path counts, and how many lines it may have.
 

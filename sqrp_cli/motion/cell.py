@@ -41,7 +41,8 @@ class Cell:
         parts = [*model.parts, *(part for obj in (*objects, *moved) for part in obj.parts)]
         found = find_self_contacts(model, seed) if robot.srdf is None else None
         unchecked, never_touching = (robot.disabled_pairs, None) if found is None else found
-        colors, movable = {obj.name: obj.color or "" for obj in objects}, {obj.name for obj in objects if not obj.fixed}
+        placed = [*objects, *moved]
+        colors, movable = {obj.name: obj.color or "" for obj in placed}, {obj.name for obj in placed if not obj.fixed}
         own = set(model.links) - model.tool_links  # a part of the robot has the name of its link in output
         named = [(part, part.parent if part.parent in own else part.name) for part in parts]
         solids = tuple(

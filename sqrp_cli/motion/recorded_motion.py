@@ -16,7 +16,7 @@ import numpy as np
 from sqrp_cli.cell.recordings import EPISODE, RecordedTask
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import World
-from sqrp_cli.errors import Infeasible, bad_input
+from sqrp_cli.errors import Infeasible, InputError, bad_input
 from sqrp_cli.files.units import shown_length
 from sqrp_cli.geometry import Array, inverse, read_only, rpy_to_matrix, transform
 from sqrp_cli.motion.collision import CollisionScene
@@ -71,7 +71,13 @@ class RecordedMotions:
 
     def motion(self, choice: SkillChoice, world: World, model: RobotModel) -> Motion | Infeasible:
         """The motion of an episode; world: has the objects and joints that it does not tell. Raises InputError."""
-        recording, episode = self.recording, self.episode(choice)
+        recording = self.recording
+        try:
+            episode = self.episode(choice)
+        except InputError as error:  # one damaged episode of many is one that cannot be judged
+            if len(recording.episodes) == 1 or error.problems[0].code == "unknown-candidate":
+                raise
+            return Infeasible((error.problems[0].message,))
         t, objects = episode.times, self.task.objects
         if len(t) < 2:
             return Infeasible(("it has one state, so there is no motion",))

@@ -85,7 +85,8 @@ def _states(file: Path, feature: str, width: int, episode: int | None, fps: floa
     with _opened(file, (feature, _NUMBER)) as parquet:
         clock, scale = (_TIME, 1.0) if _TIME in parquet.schema_arrow.names else (_FRAME, 1.0 / fps)
         paths = [parquet.schema.column(index).path for index in range(len(parquet.schema))]
-        at, own, count = paths.index(_NUMBER), [one.startswith(feature) for one in paths].index(True), 0
+        own = [one == feature or one.startswith(f"{feature}.") for one in paths].index(True)
+        at, count = paths.index(_NUMBER), 0
         for group in range(parquet.num_row_groups):
             about = parquet.metadata.row_group(group)
             span = about.column(at).statistics

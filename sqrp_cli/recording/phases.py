@@ -23,7 +23,7 @@ SHORTEST_PHASE = 0.5
 """A grasp begins at least this long before something is held, and a release lasts at least as long [s], where there is
 time: before and after, images tell whether it worked."""
 SMOOTHED = 0.1  # a running median over this time takes noise from the gripper [s]
-HYSTERESIS = 0.1  # of the range of its numbers: by so much it opens beyond where it counts as closed
+HYSTERESIS = 0.1  # of the way from there to wide open: by so much it opens beyond where it counts as closed
 SHORTEST_STILL, STILL = 0.3, 0.08
 """What slips out was held if the jaws stood still before, for so long [s], within so much of the range."""
 SETTLED = 0.1  # of the way between open and closed: it has arrived when no more than this is left
@@ -63,7 +63,7 @@ def find_grasps(times: Array, closed: Array, limit: float, empty: float) -> list
     half, still = max(1, round(0.5 * SMOOTHED / step)), 1 + max(1, round(SHORTEST_STILL / step))
     padded = np.concatenate([np.full(half, closed[0]), closed, np.full(half, closed[-1])])
     s = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
-    opens = limit + HYSTERESIS * float(np.ptp(s))
+    opens = limit + HYSTERESIS * max(0.0, float(s.max()) - limit)
     mark = np.where(s < limit, 1, np.where(s > opens, 0, -1))
     mark[0] = int(s[0] < limit)
     known = np.maximum.accumulate(np.where(mark >= 0, np.arange(len(mark)), 0))
@@ -84,7 +84,8 @@ def find_grasps(times: Array, closed: Array, limit: float, empty: float) -> list
         if times[gone - 1] - times[first] >= SHORTEST_HOLD and held > empty:
             open_before = float(s[after:first].max())
             near, far = (held + share * (open_before - held) for share in (SETTLED, 1.0 - SETTLED))
-            closing = after + int(np.flatnonzero(s[after:first] >= far)[-1])
+            open_at = np.flatnonzero(s[after:first] >= far)  # none where it opened further while it was closed
+            closing = after + int(open_at[-1]) if len(open_at) else first
             start = closing + int(np.argmax(s[closing:last] <= near))
             end, opened = None, float(times[-1])
             if gone < last:
@@ -94,7 +95,8 @@ def find_grasps(times: Array, closed: Array, limit: float, empty: float) -> list
             elif last < len(s):
                 open_after = float(s[last:following].max())
                 near, far = (held + share * (open_after - held) for share in (SETTLED, 1.0 - SETTLED))
-                end = float(times[start + int(np.flatnonzero(s[start:last] <= near)[-1])])
+                settled = np.flatnonzero(s[start:last] <= near)
+                end = float(times[start + int(settled[-1]) if len(settled) else last])
                 opened = float(times[last + int(np.argmax(s[last:following] >= far))])
             found.append(Grasp(float(times[closing]), float(times[start]), end, opened))
         after = last

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -52,6 +53,8 @@ def open_recording(path: Path, *, signal: str | None = None, rate: float | None 
             raise bad_option(f"found the signal `{signal}`; expected none of {reader.known_by}", Place(path))
         return reader.open(path, rate, signal)
     files = [one for one in sorted(path.iterdir()) if one.name[0] != "." and _reader_of(one)] if path.is_dir() else []
+    suffixes = Counter(one.suffix for one in files).most_common(1)  # a README may look like a table
+    files = [one for one in files if (one.suffix, suffixes[0][1]) == suffixes[0]]
     if not files:
         expected = f"expected {', '.join(reader.known_by for reader in READERS)}, or a folder of such"
         raise bad_input("no-recording", f"there is no recording that can be read; {expected}", Place(path))

@@ -100,7 +100,9 @@ def guess_joints(
 def _plain(name: str) -> str:
     """A name without what formats put around it: `observation.state.main_shoulder_pan.pos` -> `shoulderpan`."""
     last = re.sub(r"[._](pos|position|joint|qpos|state)$", "", name.lower().rsplit("/", 1)[-1])
-    return re.sub(r"[^a-z0-9]", "", re.sub(r"^(observation|state|action|main|follower|joint|position)[._]", "", last))
+    return re.sub(
+        r"[^a-z0-9]", "", re.sub(r"^((observation|state|action|main|follower|joint|position)[._])+", "", last)
+    )
 
 
 def with_recording(layout: Layout, cell: Cell, file: Path, named: str) -> Layout:

@@ -35,7 +35,9 @@ def free_views(cell: Cell, analysis: Analysis, needed: float) -> tuple[tuple[Fre
     longest |= {one.cameras[0]: lasts[one] for one in sorted(each, key=lasts.__getitem__)}
     nearest = None if enough else max(each, key=lambda one: (lasts[one], -one.start), default=None)
     need = f"{1000 * needed:.0f} ms"
-    words = f"{len(enough)} times all that must be seen is in free view of a camera for {need}."
+    words = (
+        f"{len(enough)} time{'s' * (len(enough) != 1)} all that must be seen is in free view of a camera for {need}."
+    )
     if nearest is not None:
         missing = ceil(1000 * (needed - lasts[nearest]) - 1e-6)  # rounded, it might be too short
         wait = f"wait {missing} ms at {0.5 * (nearest.start + nearest.end):.3f} s"

@@ -87,3 +87,16 @@ def test_what_says_itself_whether_it_holds_is_believed_to_the_instant() -> None:
     assert held_at(times, np.array([0, 1, 1, 0, 1], dtype=bool)) == [
         Grasp(0.5, 0.5, 2.0, 2.0), Grasp(2.5, 2.5, None, 2.5)
     ]  # fmt: skip
+
+
+def test_a_gripper_that_opens_further_while_it_counts_as_closed_is_read_without_an_error() -> None:
+    t = np.arange(0.0, 8.0, 0.02)
+    opening = np.select([t < 1.0, t < 2.0, t < 5.0], [0.32, 0.2, 0.38], 0.9)
+    assert all(one.start < one.opened <= t[-1] for one in find_grasps(t, opening, 0.3, -np.inf))
+
+
+def test_a_release_that_opens_little_is_one() -> None:
+    t = np.arange(0.0, 8.0, 0.02)
+    opening = np.select([t < 2.0, t < 5.0], [100.0, 20.0], 99.0)
+    (grasp,) = find_grasps(t, opening, 95.0, -np.inf)
+    assert grasp.end == pytest.approx(5.0, abs=0.2)

@@ -117,6 +117,7 @@ def test_bags_have_the_states_of_all_topics_on_one_clock(case: dict[str, Any], t
 def test_a_folder_of_files_has_an_episode_in_each(tmp_path: Path) -> None:
     for number, names in enumerate(("t,a,b", "t,b,a", "t,b,c")):
         (tmp_path / f"take{number}.csv").write_text(f"{names}\n0,1,2\n1,3,4\n")
+    (tmp_path / "README.md").write_text("# Takes, of Monday\n\nThe first, the second, and one that differs.\n")
     found = open_recording(tmp_path)
     assert found.episodes == ("take0", "take1", "take2")
     np.testing.assert_array_equal(found.read(1).values, [[2, 1], [4, 3]])

@@ -35,7 +35,12 @@ def spans(*ends: tuple[float, float]) -> np.ndarray:
     [
         (["shoulder_pan.pos", "elbow_flex.pos", "gripper.pos"], "", [(-90, 80), (10, 70), (2, 95)], "deg"),
         (["main_shoulder_pan", "main_elbow_flex", "main_gripper"], "", [(-100, 99), (-80, 99.5), (2, 95)], "percent"),
-        (["position_shoulder_pan", "elbow_flex", "gripper"], "", [(-1.5, 1.2), (0.2, 1.0), (0.1, 1.5)], "rad"),
+        (
+            ["observation.state.main_shoulder_pan.pos", "elbow_flex", "gripper"],
+            "",
+            [(-1.5, 1.2), (0.2, 1.0), (0.1, 1.5)],
+            "rad",
+        ),
         (["j1", "j2", "j3"], "deg", [(-90, 80), (10, 70), (0, 80)], "deg"),  # in the order of the joints
         (["rax_1", "rax_2"], "deg", [(-90, 80), (10, 70)], "deg"),  # which a gripper does not count among
     ],

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 def check_parquet() -> None:
     """Raises InputError if the library that writes Parquet is missing."""
-    with needed("Parquet files need pyarrow ({})", "pip install 'sqrp-cli[recordings]'"):
+    with needed("Parquet files need pyarrow ({})", "pip install 'sqrp[recordings]'"):
         import pyarrow.parquet  # noqa: F401 - only whether it is there
 
 

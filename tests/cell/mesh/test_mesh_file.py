@@ -103,10 +103,12 @@ def test_a_damaged_mesh_neither_crashes_the_reader_nor_takes_it_long(tmp_path):
 
 def end_of_child(path: Path) -> str:
     """What comes of loading a mesh in a process that may take 10 s, and 1 GB beside what it shares with this one."""
-    shared = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[1]) * resource.getpagesize() // 1024
+    pages = Path("/proc/self/statm").read_text(encoding="utf-8").split()
+    reserved, shared = (int(number) * resource.getpagesize() for number in pages[:2])
+    shared //= 1024
     child = os.fork()
     if child == 0:
-        resource.setrlimit(resource.RLIMIT_AS, (4_000_000_000, 4_000_000_000))
+        resource.setrlimit(resource.RLIMIT_AS, (reserved + 4_000_000_000,) * 2)
         resource.setrlimit(resource.RLIMIT_CPU, (10, 10))
         code = 3
         try:
