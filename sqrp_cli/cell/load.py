@@ -152,6 +152,29 @@ def words_of_two_meanings(
             yield Problem("ambiguous-word", message, place, severity="warning", mend=mend)
 
 
+def _read_skills(
+    document: SourceDocument, file: WorkspaceFile, digest: dict[str, SourceFile], problems: list[Problem]
+) -> dict[str, Skill]:
+    """The skills that a workspace lists, by name; digest and problems are added to."""
+    skills, missing = dict[str, Skill](), list[tuple[Path, Place]]()
+    tool = {"fingers": file.robot.fingers is not None, "markers": bool(file.robot.markers)}
+    for index, stated in enumerate(file.skills):
+        place = document.value_place(("skills", index))
+        folder = skill_folder(from_folder(document.path.parent, stated), **tool)
+        called = skill_name(folder)
+        if called in skills:
+            problems.append(Problem("duplicate-name", f"skill `{called}` is listed twice", place))
+        elif not folder.is_dir():
+            missing.append((folder, place))
+        else:
+            try:
+                skills[called] = read_skill(folder, place, digest)
+            except InputError as error:
+                problems.extend(error.problems)
+    problems += missing_skills(missing)
+    return skills
+
+
 def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     """Read and validate the workspace in a folder (its `workspace.yaml`) or in a file.
 
@@ -165,24 +188,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     digest["workspace"] = source_file(file_path, document.content)
     reader = RobotReader(document=document, digest=digest, entry=file.robot)
     robot, problems = reader.read_robot(), reader.problems
-    skills: dict[str, Skill] = {}
-    missing: list[tuple[Path, Place]] = []
-    for index, stated in enumerate(file.skills):
-        place = document.value_place(("skills", index))
-        tool = {"fingers": file.robot.fingers is not None, "markers": bool(file.robot.markers)}
-        folder = skill_folder(from_folder(document.path.parent, stated), **tool)
-        called = skill_name(folder)
-        if called in skills:
-            problems.append(Problem("duplicate-name", f"skill `{called}` is listed twice", place))
-            continue
-        if not folder.is_dir():
-            missing.append((folder, place))
-            continue
-        try:
-            skills[called] = read_skill(folder, place, digest)
-        except InputError as error:
-            problems.extend(error.problems)
-    problems += missing_skills(missing)
+    skills = _read_skills(document, file, digest, problems)
     cameras, objects = read_cameras(reader, file), read_objects(reader, file)
     if problems:
         raise InputError(*problems)

@@ -103,14 +103,17 @@ _FINGERS = """\
 
 PREFIX = "gripper_"  # before the names of a gripper's links and joints, which are often those of the robot
 
-_CAMERA = """\
-  {name}:  # check: yours; or `calibration: camera.yaml` (ROS) instead of `image`
-    pose: {{position: {position}, look_at: {look_at}}}
+_LENS = """\
     image: {{width: 1280, height: 960, horizontal_fov: 60 deg}}
     near: 5 cm
     far: 6 m
     rate: 10 Hz
     latency: 50 ms
+"""
+
+_CAMERA = """\
+  {name}:  # check: yours; or `calibration: camera.yaml` (ROS) instead of `image`
+    pose: {{position: {position}, look_at: {look_at}}}
 """
 
 
@@ -164,7 +167,7 @@ def workspace_text(layout: Layout) -> str:
     if layout.views:
         text += "\ncameras:                    # pose: where the lens is, and the point that it looks at\n"
         for name, (position, look_at) in layout.views.items():
-            text += _CAMERA.format(name=name, position=_vector(position), look_at=_vector(look_at))
+            text += (_CAMERA + _LENS).format(name=name, position=_vector(position), look_at=_vector(look_at))
     if layout.cubes:
         text += "\nskills: [skills/pickup]     # how the task is done and what the cameras must see; yours to change\n"
     if layout.table_side:
@@ -195,11 +198,6 @@ mounts:
 
 lenses:
   usual:
-    image: {{width: 1280, height: 960, horizontal_fov: 60 deg}}
-    near: 5 cm
-    far: 6 m
-    rate: 10 Hz
-    latency: 50 ms
 """
 
 
@@ -207,7 +205,7 @@ def mounts_text(layout: Layout) -> str:
     """The file of mounts around a table, half as high as it is wide and once above it."""
     (x, y), half = layout.table_at, 0.5 * layout.table_side
     places = [(a, b, half) for b in (1, -1) for a in (-1, 1)] + [(-1, -1, 2 * half), (1, 1, 2 * half)]
-    return _MOUNTS.format(*(_vector((x + a * half, y + b * half, height)) for a, b, height in places))
+    return (_MOUNTS + _LENS).format(*(_vector((x + a * half, y + b * half, height)) for a, b, height in places))
 
 
 def file_text(path: str, arguments: Mapping[str, str] | None = None) -> str:

@@ -160,10 +160,10 @@ def _rank(
         write = partial(write_ranking, ranking, session.job)
         if not page_is_written(report, write, jobs=ask.jobs, progress=progress):
             code = ExitCode.INTERRUPTED
-    answer(ranking, as_json=json, all_rows=all_rows)
-    if parquet is not None:
+    if parquet is not None and not interrupted:
         rows = write_frames(cell, world, session.task.candidates, parquet)
         note(f"{parquet} has {rows:,} rows: a frame, camera and target each")
+    answer(ranking, as_json=json, all_rows=all_rows)
     if message:
         note(message)
     hopeless = not json and ranking.best is None
