@@ -19,8 +19,8 @@ void solid_free(void* solid) { static_cast<Solid*>(solid)->~Solid(), free(solid)
 
 constexpr int8_t UNKNOWN = -1, UNSEEN = 0, SEEN = 1;
 
-// Whether cameras see all boxes of the targets of questions, as far as it matters: replaces what is unknown in `sights`
-// (cameras, questions). A question: a target, of `count` boxes from `first` on, in a state, that `needed` cameras must
+// Whether cameras see all boxes of the targets of questions, as far as it matters: sights (cameras, questions), UNKNOWN
+// before the call. A question: a target, of `count` boxes from `first` on, in a state, that `needed` cameras must
 // see. Cameras are asked in tiers, those with the fastest response first; tier_ends: where each ends in tier_cameras.
 // Ends as soon as a target loses as much as one of the bars (bars, 2): `steps` (states, 2) up to states in which it is seen
 // as little as in the question before.
@@ -37,7 +37,7 @@ void cover(const Request* request, int questions, const int64_t* state, const in
     for (int q = 0; q < questions; q++) {
         if (!q || first[q] != first[q - 1] || count[q] != count[q - 1])
             saw.clear(), saw.resize(int(request->camera_count)), was_unseen = false, lost[0] = lost[1] = 0;
-        int64_t seen = 0, left = 0;  // how many cameras see it, and may
+        int64_t seen = 0, left = request->camera_count;  // how many cameras see it, and may
         auto sight = [&](int c) -> int8_t& { return sights[size_t(c) * questions + q]; };
         auto ask = [&](int c) {
             const Camera& camera = request->cameras[c];
@@ -46,13 +46,10 @@ void cover(const Request* request, int questions, const int64_t* state, const in
             sight(c) = sees ? SEEN : UNSEEN, saw[c] = sees, seen += sees, left -= !sees;
         };
         auto is_open = [&] { return seen < needed[q] && left >= needed[q]; };
-        for (int c = 0; c < request->camera_count; c++) left += sight(c) != UNSEEN;
-        for (int t = 0, from = 0; t < tier_count && is_open(); from = int(tier_ends[t++])) {
-            for (int i = from; i < tier_ends[t]; i++) seen += sight(int(tier_cameras[i])) == SEEN;
+        for (int t = 0, from = 0; t < tier_count && is_open(); from = int(tier_ends[t++]))
             for (int pass = 0; pass < 2; pass++)  // those first that saw it last
                 for (int i = from; i < tier_ends[t] && is_open(); i++)
                     if (int c = int(tier_cameras[i]); sight(c) == UNKNOWN && (pass || saw[c])) ask(c);
-        }
         for (int k = 0; bar_count && was_unseen && seen < needed[q] && k < 2; k++) lost[k] += steps[2 * state[q] + k];
         was_unseen = seen < needed[q];
         for (int b = 0; b < bar_count; b++)

@@ -20,7 +20,6 @@ from sqrp_cli.kernel.kernel import BoxVerdicts, Items, Loss
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import SIDES, Cause, HidingPart
 from sqrp_cli.sight.scene_states import SceneStates
-from sqrp_cli.sight.sight_memory import SEEN, UNKNOWN, UNSEEN, SightMemory
 from sqrp_cli.sight.sight_scene import SightScene
 from sqrp_cli.sight.solids import Solid, Solids
 from sqrp_cli.sight.targets import SoughtBox, Target
@@ -51,8 +50,6 @@ class Observer:
     solids: tuple[Solid, ...]
     lights: Mapping[str, Light] = field(default_factory=dict)
     """By name; if there are none, cameras see everything brightly enough."""
-    memory: SightMemory | None = None
-    """What was seen before of the same solids, if that is to be kept."""
 
     def verdicts(
         self,
@@ -89,36 +86,18 @@ class Observer:
         """The response of the cameras that cover each target in its m states `rows`, NaN where none do, (m,) [s].
 
         It is the k-th smallest one of a camera that sees the target. No more cameras are tested than needed: those with
-        the fastest response come first. loss: after which nothing more is looked at, and counts as uncovered, unless
-        there is a memory.
+        the fastest response come first. loss: after which nothing more is looked at, and counts as uncovered.
         """
         counts = list(map(len, rows))
         needed = np.repeat([target.cameras for target in targets], counts)
         of_each, state = np.array([len(target.boxes) for target in targets]), np.concatenate([np.arange(0), *rows])
         items = Items(state, np.repeat(np.cumsum(of_each) - of_each, counts), np.repeat(of_each, counts))
-        asked, keys = np.arange(len(needed)), list[bytes]()
-        sights = np.full((len(self.cameras), len(needed)), UNKNOWN, dtype=np.int8)
-        if self.memory is not None:
-            keys = self.memory.questions(targets, states, rows, self._frames)
-            sights = self.memory.recalled(self.cameras, keys)
-            # Whether a camera that is not known to see the target of a question may matter, shape (q,).
-            seen, matters = np.zeros(len(needed), dtype=np.int64), np.zeros(len(needed), dtype=bool)
-            for tier in self._tiers:
-                seen += (sights[tier] == SEEN).sum(axis=0)
-                matters |= (seen < needed) & (sights[tier] == UNKNOWN).any(axis=0)
-            matters &= (sights != UNSEEN).sum(axis=0) >= needed
-            asked, loss = np.flatnonzero(matters), None
-        if len(asked):
-            found, some = np.ascontiguousarray(sights[:, asked]), Items(*(column[asked] for column in items))
-            request = self._scene.request(self.projections, [box for one in targets for box in one.boxes], states)
-            request.cover(some, needed[asked], self._tiers, found, loss)
-            if self.memory is not None:
-                self.memory.note(self.cameras, [keys[index] for index in asked], found)
-            sights[:, asked] = found
+        request = self._scene.request(self.projections, [box for one in targets for box in one.boxes], states)
+        sees = request.cover(items, needed, self._tiers, loss)
         # The k-th smallest response among the cameras that see the target of a question, NaN if fewer do, (q,) [s].
         seen, response = np.zeros(len(needed), dtype=np.int64), np.full(len(needed), np.nan)
         for tier in self._tiers:
-            seen += (sights[tier] == SEEN).sum(axis=0)
+            seen += sees[tier].sum(axis=0)
             response[(seen >= needed) & np.isnan(response)] = self.cameras[tier[0]].response
         return np.split(response, np.cumsum(counts)[:-1]) if counts else []
 
@@ -204,9 +183,3 @@ class Observer:
     @cached_property
     def _scene(self) -> SightScene:
         return SightScene(self.solids if isinstance(self.solids, Solids) else Solids(self.solids), self.lights)
-
-    @cached_property
-    def _frames(self) -> list[str]:
-        """Those that carry solids or cameras."""
-        parents = (solid.part.parent for solid in self.solids)
-        return sorted({*parents, *(camera.frame for camera in self.cameras)})

@@ -32,7 +32,6 @@ from sqrp_cli.show.pages.assembly import row
 from sqrp_cli.show.pages.candidate_page import candidate_rows, playback, scene_model
 from sqrp_cli.show.pages.run_page import track_shown
 from sqrp_cli.show.sentences import summary
-from sqrp_cli.sight.sight_memory import Seen, SightMemory
 from sqrp_cli.studio.messages import Asked, Question, findings, message
 from sqrp_cli.studio.moves import Move, moved
 from sqrp_cli.studio.sketch import CoverageShown, Sketch, joined
@@ -47,8 +46,6 @@ from sqrp_cli.task.feasibility import feasible_motion
 
 KEPT_PLANS = 64  # motions of so many candidates at most are kept for other cameras
 LOWER_PRIORITY = 10  # by how much processes that take longer are nicer than others: browser and sketches go first
-_Answer = tuple[CandidateResult, Sequence[Seen]]
-"""Of a process that assesses a candidate, with what it learnt of what cameras see."""
 
 
 @dataclass(eq=False)
@@ -59,31 +56,28 @@ class RankingRun:
     number: int  # of the question; answers carry it
     of_saved: bool  # whether only figures are wanted, to compare others with
     session: Session
-    memory: SightMemory  # of the session's cell; what the processes learn is added to it
     left: deque[int]  # the candidates that no process has begun with
     found: dict[int, CandidateResult] = field(default_factory=dict)
-    workers: dict[Worker[int, _Answer], int | None] = field(default_factory=dict)
+    workers: dict[Worker[int, CandidateResult], int | None] = field(default_factory=dict)
     """The candidate that each computes; None if it computes none."""
 
-    def hand_out(self, worker: Worker[int, _Answer]) -> None:
+    def hand_out(self, worker: Worker[int, CandidateResult]) -> None:
         """Give a process the next candidate, if one is left."""
         self.workers[worker] = index = self.left.popleft() if self.left else None
         if index is not None:
             worker.send(index)
 
-    def take(self, worker: Worker[int, _Answer]) -> None:
+    def take(self, worker: Worker[int, CandidateResult]) -> None:
         """Take the answer of a busy process. Raises InputError where it was killed."""
         index = self.workers[worker]
         assert index is not None  # noqa: S101 - it is busy
         try:
-            result, learnt = worker.receive()
+            result = worker.receive()
         except WorkerDied as error:
             raise bad_input("worker-died", "a process was killed; is there enough memory?") from error
         candidate = self.session.task.candidates[index]
         way = result.best_way and replace(result.best_way, skill=candidate.skill)
         self.found[index] = replace(result, candidate=candidate, best_way=way)
-        for seen in learnt:
-            self.memory.take(seen)
         self.hand_out(worker)
 
 
@@ -94,9 +88,8 @@ def _nicely(work: Callable[[Any], Any], *about: object) -> Callable[[Any], Any]:
     return partial(work, *about)
 
 
-def _assess(job: RankJob, candidates: Sequence[Candidate], memory: SightMemory, index: int) -> _Answer:
-    memory.learnt.clear()
-    return job.assess(candidates[index]), memory.learnt
+def _assess(job: RankJob, candidates: Sequence[Candidate], index: int) -> CandidateResult:
+    return job.assess(candidates[index])
 
 
 def _detail(job: RankJob, ranked: CandidateResult, name: str) -> str:
@@ -135,7 +128,6 @@ class _Worker:
     explaining: Worker[str, str] | None = None
     _cell: Cell | None = None
     _kin: object = None  # what decides motions and requirements: equal for cells that differ in their cameras only
-    _memory: SightMemory = field(default_factory=SightMemory)
     _model: Mapping[str, object] | None = None
     _task: tuple[str, Session] | None = None
     """The last task with plans, as it was asked for; None once anything but cameras has changed."""
@@ -222,16 +214,15 @@ class _Worker:
             session = Session(session.task, replace(job, plans=Plans()) if keeps else job)
             if keeps:
                 self._task = asked.task, session
-        plans, candidates, memory = session.job.plans, session.task.candidates, self._memory
+        plans, candidates = session.job.plans, session.task.candidates
         for candidate in candidates:
             if plans is None or self.pipe.poll():
                 break  # plans are made where they are needed
             if not candidate.steps:
                 plans.of(session.cell, candidate, session.job.world, fastest=False)
-        memory.learnt.clear()  # by this process, which need not be told; the others begin with what it knows
-        self.run = run = RankingRun(asked, number, of_saved, session, memory, deque(range(len(candidates))))
+        self.run = run = RankingRun(asked, number, of_saved, session, deque(range(len(candidates))))
         for _ in range(min(self.jobs, len(candidates))):
-            run.workers[Worker(forked(), _nicely, _assess, session.job, candidates, memory)] = None
+            run.workers[Worker(forked(), _nicely, _assess, session.job, candidates)] = None
         for worker in run.workers:
             run.hand_out(worker)
 
@@ -247,8 +238,7 @@ class _Worker:
         if self._cell is not None and kin == self._kin:
             cell = self._cell.with_cameras_of(workspace)
         else:
-            self._memory, self._task, model = SightMemory(), None, None
-            cell = replace(opened.cell, observer=replace(opened.cell.observer, memory=self._memory))
+            self._task, model, cell = None, None, opened.cell
             if of_saved:
                 self._model = None  # of another cell, which browsers have
         self._cell, self._kin = cell, kin

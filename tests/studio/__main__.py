@@ -4,9 +4,8 @@ Nothing may be complained about in the browser or by the server, and memory stay
 every tenth action: nothing is ranked, searched or run, so that the server and the process that computes are all that
 is left. Their own memory counts (`Pss_Anon` and `Pss_Shmem` of the system): which share of the libraries is theirs
 depends on what else runs on the machine. The first fifth of the measures is for what is loaded once. After that the
-last fifth may be above the second one by `MOST_GROWTH` at most (medians), which is about what sights are kept for
-(see `sight_memory`); and no measure may be above the first fifth by more than `MOST_PEAK`. The same holds for the
-page, after its garbage collection.
+last fifth may be above the second one by `MOST_GROWTH` at most (medians); and no measure may be above the first fifth
+by more than `MOST_PEAK`. The same holds for the page, after its garbage collection.
 """
 
 from __future__ import annotations
