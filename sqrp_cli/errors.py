@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from enum import IntEnum
 from pathlib import Path
@@ -165,10 +165,12 @@ def expected_names(name: str, valid: Iterable[str]) -> str:
     return listed if close is None else f"{listed}; did you mean `{close}`?"
 
 
-def first_names(names: Sequence[str]) -> str:
+def first_names(names: Iterable[str], most: int = MOST_NAMES) -> str:
     """The first of some names, and how many there are more."""
-    more = len(names) - MOST_NAMES
-    return ", ".join(f"`{name}`" for name in names[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
+    first, more = [f"`{name}`" for name in names], ""
+    if len(first) > most:
+        more = f" and {len(first) - most} more"
+    return ", ".join(first[:most]) + more
 
 
 def no_such(name: str, what: str, known: Iterable[str]) -> str:

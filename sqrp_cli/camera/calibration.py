@@ -25,7 +25,7 @@ from sqrp_cli.camera.camera import (
     check_image,
     check_pixels,
 )
-from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, nearest
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, first_names, nearest
 from sqrp_cli.files.source import SourceDocument
 from sqrp_cli.files.validation import misspelt
 from sqrp_cli.geometry import Array, read_only
@@ -99,7 +99,7 @@ def _chosen(document: SourceDocument, wanted: CalibrationFile, asked: str) -> tu
         if name or one.at or len(found) > 1:
             names[name or "main"] = one
     if wanted.camera is not None and wanted.camera not in names:
-        held = f"the file has {', '.join(f'`{one}`' for one in names)}" if names else "the file has one camera, unnamed"
+        held = f"the file has {first_names(names)}" if names else "the file has one camera, unnamed"
         hint = f"; did you mean `{close}`?" if (close := nearest(wanted.camera, names)) else ""
         mend = "leave `camera` out, or name the file of that camera" if len(names) < 2 else None
         message = f"`{asked}.camera`: found `{wanted.camera}`, but {held}{hint}"
@@ -116,7 +116,7 @@ def _chosen(document: SourceDocument, wanted: CalibrationFile, asked: str) -> tu
     if all(stated[name] == stated[fitting[0]] for name in fitting):  # frames of a scene
         return names[fitting[0]], fitting[0] if len(fitting) == 1 else None
     mend = f"say which: `{asked}: {{file: {wanted.file}, camera: {fitting[0]}}}`"
-    message = f"the file has the cameras {', '.join(f'`{name}`' for name in fitting[:20])}"
+    message = f"the file has the cameras {first_names(fitting)}"
     raise bad_input("ambiguous-entry", message, Place(document.path), mend=mend)
 
 

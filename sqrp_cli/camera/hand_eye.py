@@ -25,7 +25,7 @@ from pydantic import Field
 from sqrp_cli.camera.calibration_formats import FACTS, NUMPY
 from sqrp_cli.camera.camera import CameraEntry
 from sqrp_cli.camera.pose_matrices import read_pose
-from sqrp_cli.errors import Place, bad_input, expected_names
+from sqrp_cli.errors import Place, bad_input, expected_names, first_names
 from sqrp_cli.files.entries import Length, Number, Text, foreign
 from sqrp_cli.files.input_file import decoded, read_input
 from sqrp_cli.files.source import KeyPath, SourceDocument, dotted
@@ -140,7 +140,7 @@ def read_hand_eye(
         if len(optical) != 1:
             names = optical or leaves
             mend = f"say which: `{asked}: {{file: {path.name}, camera: {names[0]}}}`" if names else None
-            message = f"which frame is the camera's? The file has {', '.join(f'`{name}`' for name in names[:10])}"
+            message = f"which frame is the camera's? The file has {first_names(names)}"
             raise bad_input("ambiguous-entry", message, Place(path), mend=mend)
         frame = optical[0]
     if frame not in above:

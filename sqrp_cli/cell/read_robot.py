@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from sqrp_cli.cell.mesh import read_mesh
-from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, no_such
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, first_names, no_such
 from sqrp_cli.files import packages, units
 from sqrp_cli.files.entries import XacroEntry
 from sqrp_cli.files.frames import link_called
@@ -219,8 +219,7 @@ class RobotReader:
         if arm:
             home = self._positions(self.entry.home, arm, ("robot", "home"), what)
         if home is not None and (missing := [joint.name for joint in arm if joint.name not in home]):
-            names = ", ".join(f"`{name}`" for name in missing)
-            self.report("missing-joint", ("robot", "home"), f"lacks a position for {names}")
+            self.report("missing-joint", ("robot", "home"), f"lacks a position for {first_names(missing)}")
         entry, path, fingers = self.entry.fingers, ("robot", "fingers"), None
         if entry is not None:
             what = "no joint outside the arm that moves by itself"
@@ -229,7 +228,7 @@ class RobotReader:
             closed = self._positions(entry.closed, driven, (*path, "closed"), what)
             if opened is not None and closed is not None:
                 if not opened or opened.keys() != closed.keys():
-                    names = ", ".join(f"`{name}`" for name in sorted(opened.keys() ^ closed.keys())) or "any joint"
+                    names = first_names(sorted(opened.keys() ^ closed.keys())) or "any joint"
                     message = f"`open` and `closed` must name the same joints; only one of them has {names}"
                     self.report("missing-joint", path, message)
                 if opened == closed:
@@ -292,10 +291,8 @@ class RobotReader:
         names, moveit = [joint.name for joint in joints], self.moveit
         strange = [] if moveit is None else [joint for joint in moveit.joints if joint not in names]
         if strange and moveit is not None:
-            more = f" and {len(strange) - 1} more" if len(strange) > 1 else ""
-            message = (
-                f"unknown joint `{strange[0]}`{more}; {expected_names(strange[0], names)}; their limits are left out"
-            )
+            message = f"unknown joint {first_names(strange, 1)}; {expected_names(strange[0], names)}"
+            message += "; their limits are left out"
             place = next(place for path, place in moveit.document.keys.items() if path[-1] == strange[0])
             mend = "check that the file is of this robot"
             self.warnings.append(Problem("unknown-joint", message, place, severity="warning", mend=mend))

@@ -8,7 +8,7 @@ import shlex
 from contextlib import suppress
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Place, bad_input
+from sqrp_cli.errors import InputError, Place, bad_input, first_names
 from sqrp_cli.files.input_file import NOT_THERE, YAML_ENDINGS, nearest_entry, read_input
 from sqrp_cli.files.packages import from_folder
 from sqrp_cli.files.source import SourceDocument
@@ -98,9 +98,9 @@ def workspace_file(path: Path) -> Path:
         files = [entry.name for entry in entries if entry.suffix in YAML_ENDINGS]
         hint = "the folder is empty" if not entries else "it has neither YAML files nor workspaces"
         if inside:
-            hint = "it has the workspaces " + ", ".join(f"`{name}`" for name in inside)
+            hint = f"it has the workspaces {first_names(inside)}"
         elif files:
-            hint = "it has " + ", ".join(f"`{name}`" for name in files)
+            hint = f"it has {first_names(files)}"
         raise bad_input("no-workspace", f"the folder has no {WORKSPACE_FILE}; {hint}", Place(given))
     if not path.exists():
         folder = given.parent

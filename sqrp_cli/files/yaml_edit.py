@@ -22,54 +22,39 @@ from sqrp_cli.files.yaml_file import parse_yaml
 _ABSENT = object()  # in place of a value that is missing
 
 
-def edited(document: SourceDocument, values: Mapping[str, str]) -> bytes:
-    """The content of a document with new values, by dotted path (`cameras.cam1.pose.position.0`), as YAML text.
-
-    Raises InputError for a path without a value of its own in the file: it is missing, is a list or a mapping, or
-    belongs to an anchor that is also used elsewhere.
-    """
-    known, (text, root) = document.leaves, _text_and_root(document)
-    for path in values:
-        if path not in known:
-            message = f"the file has no value `{path}`; {expected_names(path, known)}"
-            raise bad_input("unknown-value", message, Place(document.path))
-    nodes = [(_node(root, tuple(path.split("."))), value) for path, value in values.items()]
-    for node, value in sorted(nodes, key=lambda one: int(one[0].start_mark.index), reverse=True):
-        start, end = node.start_mark.index, node.end_mark.index
-        value, rest = (value, text[end:]) if end > start else (f" {value}", text[end:].removeprefix(" "))
-        text = text[:start] + value + rest
-    return _checked(document, text, *values)
-
-
 def with_values(document: SourceDocument, values: Mapping[str, str]) -> bytes:
     """The content of a document with values, lists or mappings written anew, or added to a mapping.
 
-    values: by dotted path, as YAML text in a line. Raises InputError for a path that leads nowhere, and where that
-    would change anything else.
+    values: by dotted path (`cameras.cam1.pose.position.0`), as YAML text in a line. Raises InputError for a path that
+    leads nowhere, and where that would change anything else: the value belongs to an anchor.
     """
-    leaves = {path: text for path, text in values.items() if path in document.leaves}
-    content = edited(document, leaves) if leaves else document.content
-    for path, text in values.items():
-        if path in leaves:
-            continue
+    known, (text, root) = {dotted(keys): keys for keys in document.values}, _text_and_root(document)
+    new = list[tuple[int, int, str]]()  # where text is replaced, and by what
+    later = [path for path in values if path not in known or any(path.startswith(f"{other}.") for other in values)]
+    for path in values.keys() - later:
+        *above, key = known[path]
+        parent, node = _node(root, tuple(above)), _node(root, known[path])
+        start, end, value = node.start_mark.index, _end(node), values[path]
+        if isinstance(parent, yaml.MappingNode) and (path not in document.leaves or end == start):
+            # From its key on, so that a block, or nothing, becomes a value beside it.
+            starts = (name.start_mark.index for name, _ in parent.value if str(name.value) == str(key))
+            start = next(starts, start)
+            value = f"{key}: {value}"
+        new.append((start, end, value))
+    for start, end, value in sorted(new, reverse=True):
+        text = text[:start] + value + text[end:]
+    content = _checked(document, text, *(values.keys() - later)) if new else document.content
+    for path in later:
         document = parse_yaml(document.path, content)
-        known = {dotted(keys): keys for keys in document.values}
-        keys, (parent, _, key) = known.get(path) if path else None, path.rpartition(".")
-        if keys is not None:
-            whole, root = _text_and_root(document)
-            node, new = _node(root, keys), text
-            start = node.start_mark.index
-            if isinstance(document.at(keys[:-1]), dict):  # from its key on, so that a block becomes a value beside it
-                entries = _node(root, keys[:-1]).value
-                start = next(name.start_mark.index for name, _ in entries if str(name.value) == str(keys[-1]))
-                new = f"{keys[-1]}: {text}"
-            content = _checked(document, whole[:start] + new + whole[_end(node) :], path)
-        elif key and parent in known and isinstance(document.at(known[parent]), dict):
-            content = appended(document, known[parent], f"{key}: {text}")
+        known, (parent, _, key) = {dotted(keys): keys for keys in document.values}, path.rpartition(".")
+        if path in known:
+            content = with_values(document, {path: values[path]})
+        elif isinstance(document.at(known.get(parent, (parent,))), dict) and key:
+            content = appended(document, known[parent], f"{key}: {values[path]}")
         else:
             # All paths of a file are hundreds: those of its top, and the nearest, are enough to go on from.
             close = nearest(path, known)
-            names = {name for name, keys in known.items() if len(keys) == 1 or (keys and name == close)}
+            names = {name for name, keys in known.items() if len(keys) == 1 or name == close}
             message = f"the file has no value `{path}`; {expected_names(path, names)}"
             raise bad_input("unknown-value", message, Place(document.path))
     return content

@@ -18,7 +18,7 @@ from warnings import catch_warnings
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem, bad_input
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, first_names
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.files.xml_file import Element
 from sqrp_cli.geometry import Array, displacement, matrix_to_rpy, pose, quaternion_to_matrix
@@ -91,9 +91,7 @@ def mjcf_as_urdf(path: Path, root: Element) -> tuple[Told, tuple[Problem, ...]]:
 
     warnings = []
     for said, names in scene.lost.items():
-        more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-        message = f"{said}: {', '.join(f'`{name}`' for name in names[:NAMED])}{more}"
-        warnings.append(Problem("mjcf", message, Place(path), severity="warning"))
+        warnings.append(Problem("mjcf", f"{said}: {first_names(names, NAMED)}", Place(path), severity="warning"))
     return _told("robot", {"name": root.attributes.get("model") or path.stem}, told), tuple(warnings)
 
 

@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sqrp_cli.errors import InputError, Problem, bad_input, expected_names
+from sqrp_cli.errors import InputError, Problem, bad_input, expected_names, first_names
 from sqrp_cli.files.frames import link_called
 from sqrp_cli.files.input_file import read_input
 from sqrp_cli.files.source import KeyPath, SourceDocument, describe
@@ -198,7 +198,7 @@ def read_moveit_limits(path: Path) -> MoveitLimits:
     while not isinstance(data.get(TOP), dict):
         inner = [key for key, value in data.items() if isinstance(value, dict)]
         if len(inner) != 1 or TOP in data:
-            tops = ", ".join(f"`{key}`" for key in [*document.data][:5])
+            tops = first_names(document.data, 5)
             message = f"found {tops}, expected `{TOP}:` with the limits of each joint, as MoveIt writes them"
             raise bad_input("missing-key", message, document.key_place((TOP,)))
         above, data = (*above, inner[0]), data[inner[0]]

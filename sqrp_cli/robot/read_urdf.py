@@ -10,12 +10,13 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sqrp_cli.errors import Place, Problem, bad_input, expected_names
+from sqrp_cli.errors import Problem, bad_input, expected_names, first_names
 from sqrp_cli.files.frames import WORLD, WORLD_LINK
 from sqrp_cli.files.units import LARGEST_LENGTH, NO_LIMIT, SMALLEST_LIMIT, SMALLEST_SIZE
 from sqrp_cli.files.xml_file import Element
@@ -72,7 +73,7 @@ def read_urdf(path: Path, source: RobotSource | None = None) -> urdf.UrdfModel:
         known[item.name] = item
     if not links:
         raise robot.error("no-links", "the robot has no <link>")
-    root = _root(links, joints, robot.place)
+    root = _root(links, joints)
     # Every joint after the one that carries it, otherwise in file order.
     ordered: dict[str, urdf.UrdfJoint] = {}
     children: dict[str, list[urdf.UrdfJoint]] = {}
@@ -209,7 +210,7 @@ def _origin(element: Element) -> Array:
     return read_only(pose(rpy_to_matrix(origin.numbers("rpy", 3, (0.0, 0.0, 0.0))), xyz))
 
 
-def _root(links: Mapping[str, urdf.UrdfLink], joints: Mapping[str, urdf.UrdfJoint], place: Place) -> str:
+def _root(links: Mapping[str, urdf.UrdfLink], joints: Mapping[str, urdf.UrdfJoint]) -> str:
     """The one link that no joint carries; checks that every link is reached from it exactly once.
 
     Raises InputError also for joints between unknown links, or that follow a joint that follows another one.
@@ -234,21 +235,14 @@ def _root(links: Mapping[str, urdf.UrdfLink], joints: Mapping[str, urdf.UrdfJoin
     if len(roots) > 1:
         message = f"links `{roots[0]}` and `{roots[1]}` are both roots; a joint must connect them"
         raise bad_input("two-roots", message, links[roots[1]].place)
-    rooted: set[str] = set()
-    for name in links:
-        walked = {name: None}
-        while name in carriers and name not in rooted:
-            name = carriers[name].parent
-            if name in walked:
-                way = [*walked]
-                cycle = [*way[way.index(name) :], name]
-                message = "links form a cycle: " + " -> ".join(f"`{link}`" for link in reversed(cycle))
-                mend = f"leave out one of their joints, such as `{carriers[cycle[0]].name}`: a URDF is a tree"
-                raise bad_input("cycle", message, carriers[cycle[0]].place, mend=mend)
-            walked[name] = None
-        rooted.update(walked)
-    if not roots:
-        raise bad_input("cycle", "no link is a root", place)
+    try:
+        TopologicalSorter({child: [joint.parent] for child, joint in carriers.items()}).prepare()
+    except CycleError as error:
+        cycle: list[str] = error.args[1]
+        message = "links form a cycle: " + " -> ".join(f"`{link}`" for link in cycle)
+        last = max((carriers[link] for link in cycle), key=lambda joint: joint.place.line or 0)
+        mend = f"leave out one of their joints, such as `{last.name}`: a URDF is a tree"
+        raise bad_input("cycle", message, last.place, mend=mend) from None
     return roots[0]
 
 
@@ -311,11 +305,10 @@ def _doubts(model: urdf.UrdfModel, pieces: Sequence[tuple[Element, Element]]) ->
     for code, found, doubt, mend in doubts:
         if found:  # one warning names all of them, at the place of the first
             kind = "link" if isinstance(found[0], urdf.UrdfLink) else "joint"
-            names = ", ".join(f"`{item.name}`" for item in found[:NAMED])
-            more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
-            message = f"{kind}{'s' * (len(found) > 1)} {names}{more} {'have' if len(found) > 1 else 'has'} {doubt}"
+            names, several = first_names((item.name for item in found), NAMED), len(found) > 1
+            message = f"{kind}{'s' * several} {names} {'have' if several else 'has'} {doubt}"
             yield Problem(code, message, found[0].place, severity="warning", mend=mend)
     if empty := [(link.text("name"), piece) for link, piece in pieces if _is_empty(piece)]:
-        names = ", ".join(f"`{name}`" for name in dict.fromkeys(name for name, _ in empty))
-        message, place = f"a shape with a size of 0 is left out, of {names}", empty[0][1].place
+        names, place = first_names(dict.fromkeys(name for name, _ in empty)), empty[0][1].place
+        message = f"a shape with a size of 0 is left out, of {names}"
         yield Problem("no-size", message, place, severity="warning", mend="state its size, or remove it")

@@ -15,7 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, first_names
 from sqrp_cli.files.input_file import read_input
 from sqrp_cli.files.xml_file import MAX_BYTES, MAX_DEPTH, Element, parse_xml
 from sqrp_cli.records import dataclass
@@ -87,8 +87,7 @@ def read_robot_xml(path: Path, source: RobotSource | None = None, *, mjcf: bool 
            for one in (root, *root.inside()) for value in ("", *one.attributes.values())):  # fmt: skip
         return _expanded(path, source)
     if source.arguments:
-        named = ", ".join(f"`{name}`" for name in source.arguments)
-        message = f"this file has no xacro elements, so it takes no arguments; found {named}"
+        message = f"this file has no xacro elements, so it takes no arguments; found {first_names(source.arguments)}"
         mend = "leave the arguments out, or name the .xacro file"
         raise bad_input("xacro-argument", message, root.place, mend=mend)
     if root.tag == ROOT:

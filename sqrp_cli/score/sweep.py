@@ -14,7 +14,7 @@ import numpy as np
 from sqrp_cli.cell.workspace_file import read_workspace_document
 from sqrp_cli.errors import InputError, bad_option
 from sqrp_cli.files.source import SourceDocument
-from sqrp_cli.files.yaml_edit import edited, from_here, patch
+from sqrp_cli.files.yaml_edit import from_here, patch, with_values
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.platform.processes import Progress
 from sqrp_cli.records import dataclass
@@ -116,7 +116,7 @@ def read_variants(
     document = read_workspace_document(file)
     found = []
     for chosen in ((), *values):
-        content = edited(document, dict(chosen)) if chosen else document.content
+        content = with_values(document, dict(chosen)) if chosen else document.content
         name = ", ".join(f"{path}={value}" for path, value in chosen) or "as it is"
         cell = read_cell(file, name, content)
         if cell.workspace is None and not chosen:
