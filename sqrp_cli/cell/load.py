@@ -192,8 +192,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     cameras, objects = read_cameras(reader, file), read_objects(reader, file)
     if problems:
         raise InputError(*problems)
-    for entry in file.recordings.values():
-        objects |= {obj.name: obj for obj in recorded_scene_objects(entry, objects)}
+    objects |= {one.name: one for one in recorded_scene_objects(document, file.recordings, objects)}
     if not skills and (file.state or (file.tasks and not file.recordings)):
         message = "the workspace lists no skills, which give facts and tasks their meaning"
         raise document.error("no-skills", ("skills",), message, "list the folders of skills under `skills`")

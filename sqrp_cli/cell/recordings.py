@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from math import pi
 from pathlib import Path
 from typing import Annotated
@@ -14,9 +15,9 @@ from pydantic_core import PydanticCustomError
 from sqrp_cli.camera.camera import Frequency
 from sqrp_cli.camera.detector import Detector
 from sqrp_cli.cell.scene import SceneObject
-from sqrp_cli.errors import Place, expected_names
+from sqrp_cli.errors import Place, Problem, expected_names
 from sqrp_cli.files.entries import AnyQuantity, Entry, Extents, MappingOr, Name, Pose, Text, refused
-from sqrp_cli.files.source import SourceDocument, describe, dotted
+from sqrp_cli.files.source import KeyPath, SourceDocument, describe, dotted
 from sqrp_cli.files.units import LONGEST, TIME, read_quantity
 from sqrp_cli.geometry import pose, read_only
 from sqrp_cli.logic.domain import Action, Compound, Domain, Holds, Parameter, Signature
@@ -31,6 +32,7 @@ GRASP_PHASES = ("approach", "grasp", "carry", "release", "retreat")
 EPISODE = "episode"  # the whole episode as an interval of formulas, and the parameter of candidates
 USUAL_SIZE = 0.03  # of an object whose size is not stated, along each axis [m]
 MOST_OBJECTS, MOST_RECORDINGS = 50, 50
+HOLD = "hold"  # the predicate of what a grasp holds; `hold2` where the second one holds an object elsewhere in the tool
 SIGHT = "sight"
 USUAL_DETECTORS = {
     SIGHT: Detector(kind="color", distance=(0.01, 100.0), max_incidence=pi, min_pixels=8.0, min_visible=0.5)
@@ -164,30 +166,72 @@ class RecordedTask:
         return self.skill.place(*path) if dotted(path) in self.skill.places else self.skill.action.place
 
     @property
-    def state(self) -> str:
-        """What tells whether kept results are still about it: its entry, and names, sizes and times of its files."""
+    def file_state(self) -> str:
+        """What tells whether it was read as it is: names, sizes and times of its files."""
         files = sorted(self.file.rglob("*")) if self.file.is_dir() else [self.file]
-        stats = [(str(one), one.stat().st_size, one.stat().st_mtime_ns) for one in files if one.is_file()]
-        return f"{self.entry.model_dump_json()} {stats}"
+        return str([(str(one), one.stat().st_size, one.stat().st_mtime_ns) for one in files if one.is_file()])
+
+    @property
+    def state(self) -> str:
+        """What tells whether kept results are still about it: its entry, and the state of its files."""
+        return f"{self.entry.model_dump_json(warnings=False)} {self.file_state}"
+
+    @property
+    def held_seconds(self) -> list[tuple[float, float]]:
+        """From when to when something is held, in order [s]; empty where objects are not stated in seconds."""
+        spans = (one.held for one in self.objects.values() if one.held is not None)
+        return sorted((start, end) for start, end in spans if isinstance(start, float) and isinstance(end, float))
 
     def held_in(self, number: int, start: float) -> str | None:
         """The object that is held in the grasp of a number, from 0, that begins at a time [s]; None if none is."""
-        for index, (name, one) in enumerate(self.objects.items()):
-            first = None if one.held is None else one.held[0]
-            if first is None and (number == index or len(self.objects) == 1):
-                return name
-            if first == start or (isinstance(first, str) and int(first.removeprefix("grasp") or 1) == number + 1):
-                return name
-        return None
+        stated = {one.held[0]: name for name, one in self.objects.items() if one.held is not None}
+        if self.held_seconds:
+            return stated.get(start)
+        others = [name for name, one in self.objects.items() if one.held is None]
+        if len(others) == len(self.objects) == 1:
+            return others[0]
+        # Those of which nothing is said are held once each, in order, in the grasps that are left.
+        calls = [f"grasp{index or ''}" for index in (0, *range(2, number + 2))]
+        left = [call for call in calls if call not in stated]
+        return stated.get(calls[number]) or dict(zip(left, others, strict=False)).get(calls[number])
 
 
-def recorded_scene_objects(entry: RecordingEntry, known: Mapping[str, SceneObject]) -> Iterator[SceneObject]:
-    """The objects of a recording that are not among the known ones, at a pose that the recording tells."""
-    for name, one in entry.handled.items():
-        if name not in known:
-            size = one.size or (USUAL_SIZE, USUAL_SIZE, USUAL_SIZE)
-            part = Part(name, name, Box(size), read_only(pose()))
-            yield SceneObject(name=name, type="object", color=one.color, size=size, pose=None, parts=(part,))
+def recorded_scene_objects(
+    document: SourceDocument, recordings: Mapping[str, RecordingEntry], known: Mapping[str, SceneObject]
+) -> Iterator[SceneObject]:
+    """The objects of recordings that are not among the known ones, at poses that the recordings tell.
+
+    Raises InputError where a size or colour differs from that of a known one, or of another recording.
+    """
+    stated = {(one.name, key): getattr(one, key) for one in known.values() for key in ("size", "color")}
+    handled = [(called, name, one) for called, entry in recordings.items() for name, one in entry.handled.items()]
+    for called, name, one in handled:
+        for key in ("size", "color"):
+            if (value := getattr(one, key)) is not None and stated.setdefault((name, key), value) != value:
+                message = f"`{name}` has the {key} {stated[name, key]} elsewhere in this file; expected the same"
+                at = ("recordings", called, "objects", name, key)
+                raise document.error("ambiguous-name", at, message, f"state it once, or give `{name}` another name")
+    for name in dict.fromkeys(name for _, name, _ in handled if name not in known):
+        size = stated.get((name, "size")) or (USUAL_SIZE, USUAL_SIZE, USUAL_SIZE)
+        part = Part(name, name, Box(size), read_only(pose()))
+        color = stated.get((name, "color"))
+        yield SceneObject(name=name, type="object", color=color, size=size, pose=None, parts=(part,))
+
+
+def _overlapping(
+    document: SourceDocument, at: KeyPath, objects: Mapping[str, RecordedObjectEntry]
+) -> Iterator[Problem]:
+    """Problems with what the objects of a recording say of when they are held: one hand holds one thing at a time."""
+    spans = {name: one.held for name, one in objects.items() if one.held is not None}
+    if len({type(start) for start, _ in spans.values()}) > 1:
+        name = next(name for name, (start, _) in spans.items() if isinstance(start, str))
+        message = "found a phase here and seconds at another object; expected either of them for all"
+        yield document.problem("conflicting-keys", (*at, "objects", name, "held"), message)
+        return
+    for (one, (_, end)), (other, (start, _)) in pairwise(sorted(spans.items(), key=lambda span: span[1])):
+        if start == spans[one][0] or (isinstance(start, float) and isinstance(end, float) and start < end):
+            message = f"`{other}` is held while `{one}` is; expected one thing at a time"
+            yield document.problem("wrong-value", (*at, "objects", other, "held"), message)
 
 
 def recorded_task(
@@ -205,7 +249,8 @@ def recorded_task(
         for one in asked
         if one not in known
     ]
-    plain, of_objects = [*known, *entry.targets], ("hold", "place") if objects else ()
+    problems += _overlapping(document, at, objects)
+    plain, of_objects = [*known, *entry.targets], (HOLD, "place") if objects else ()
     uses = [Holds(one, ()) for one in plain] + [Holds(one, (thing,)) for one in of_objects for thing in objects]
     signatures = {one: Signature(one, ()) for one in plain}
     signatures |= {one: Signature(one, (Parameter("object"),)) for one in of_objects}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy as np
 from sqrp_cli.cell.recordings import EPISODE, RecordedTask
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import World
-from sqrp_cli.errors import Infeasible, InputError, bad_input
+from sqrp_cli.errors import Infeasible, InputError, bad_input, expected_names
 from sqrp_cli.files.units import shown_length
 from sqrp_cli.geometry import Array, inverse, read_only, rpy_to_matrix, transform
 from sqrp_cli.motion.collision import CollisionScene
@@ -26,7 +26,6 @@ from sqrp_cli.recording.joint_map import grasps_of, joint_positions
 from sqrp_cli.recording.phases import Grasp, phases
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.robot.robot import Fingers
 from sqrp_cli.shapes import Mesh, PlacedBox, half_extents
 from sqrp_cli.skill.skill import SkillChoice
 from sqrp_cli.trajectory import JointPath, PiecewiseCubic, Trajectory
@@ -38,8 +37,8 @@ SPEED_OVER, CONTACT_STEP = 0.05, 0.01
 
 
 @lru_cache(maxsize=4)
-def opened(file: Path, signal: str | None = None, rate: float | None = None, _changed: int = 0) -> Recording:
-    """A recording, opened once, and again when its file or folder was changed at another time [ns]."""
+def opened(file: Path, signal: str | None = None, rate: float | None = None, _state: str = "") -> Recording:
+    """A recording, opened once, and again when its state is another one."""
     from sqrp_cli.recording.recording import open_recording  # few workspaces have any, and formats are many
 
     return open_recording(file, signal=signal, rate=rate)
@@ -52,22 +51,20 @@ class RecordedMotions:
     task: RecordedTask
     objects: Mapping[str, SceneObject]
     """Those of the cell."""
-    fingers: Fingers | None
 
-    @property
+    @cached_property
     def recording(self) -> Recording:
-        """As its workspace wants it to be read. Raises InputError."""
-        file, entry = self.task.file, self.task.entry
-        return opened(file, entry.signal, entry.rate, file.stat().st_mtime_ns if file.exists() else 0)
+        """As its workspace wants it to be read, and as its files are when it is first asked for. Raises InputError."""
+        return opened(self.task.file, self.task.entry.signal, self.task.entry.rate, self.task.file_state)
 
     def episode(self, choice: SkillChoice) -> Episode:
         """The episode that is chosen. Raises InputError."""
-        number, recording = int(choice.values[EPISODE]), self.recording
-        count = len(recording.episodes)
-        if not 0 <= number < count:
-            message = f"there is no episode {number} in {self.task.entry.file}; expected 0 to {count - 1}"
-            raise bad_input("unknown-candidate", message)
-        return recording.read(number)
+        number, numbers = choice.values[EPISODE], self.recording.numbers
+        if number not in numbers:
+            asked = number if isinstance(number, str) else f"{number:.10g}"
+            message = f"there is no episode {asked} in {self.task.entry.file}"
+            raise bad_input("unknown-candidate", f"{message}; {expected_names(asked, [*map(str, numbers)])}")
+        return self.recording.read(numbers.index(int(number)))
 
     def motion(self, choice: SkillChoice, world: World, model: RobotModel) -> Motion | Infeasible:
         """The motion of an episode; world: has the objects and joints that it does not tell. Raises InputError."""
@@ -81,7 +78,7 @@ class RecordedMotions:
         t, objects = episode.times, self.task.objects
         if len(t) < 2:
             return Infeasible(("it has one state, so there is no motion",))
-        moved = joint_positions(self.task, recording, model.joints, episode)
+        moved = joint_positions(self.task, recording, model, episode)
         still = np.ones(len(t))
         q = np.column_stack([moved.get(name, world.joints.get(name, 0.0) * still) for name in model.joints])
 
@@ -93,7 +90,7 @@ class RecordedMotions:
         initial = {**world.X_WO, **stated}
         now, missed = dict(initial), list[str]()
         taken, carried, rests = list[Grasp](), list[tuple[str | None, Array | None]](), [initial]
-        for grasp in grasps_of(self.task, recording, moved, episode, self.fingers):
+        for grasp in grasps_of(self.task, recording, moved, episode, model):
             X_TO: Array | None = None
             if (name := self.task.held_in(len(taken), grasp.start)) is not None:
                 X_WT, size = model.tool_pose(positions(grasp.start)), self.objects[name].size
@@ -142,7 +139,7 @@ class RecordedMotions:
             primitives=tuple(primitives),
             final=replace(world, X_WO=now, held=held, X_TO=X_TO, joints=after),
             initial=replace(world, X_WO=initial, held=None, X_TO=None, joints=begin),
-            doubts=(*episode.told, *doubts),
+            doubts=(*episode.told, *missed, *doubts),
         )
 
     def _beginning(self, name: str, X_WT: Array, model: RobotModel, X_WO: Mapping[str, Array]) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TypeAlias
@@ -12,7 +12,7 @@ import numpy as np
 
 from sqrp_cli.errors import Place, bad_input, expected_names, first_names
 from sqrp_cli.geometry import Array
-from sqrp_cli.recording.episode import MOST_NUMBERS, STEP_BACK, Recording, alone
+from sqrp_cli.recording.episode import MOST_NUMBERS, STEP_BACK, Recording, alone, pauses
 from sqrp_cli.ros.bag import Bag, check_kind
 
 JOINTS = "sensor_msgs/msg/JointState"
@@ -61,8 +61,13 @@ def open_bag(path: Path, rate: float | None, signal: str | None) -> Recording:
         message = f"the states of {first_names([*kept])} are never known at one time; expected all on one clock"
         raise bad_input("wrong-clock", message, Place(path))
     states = np.column_stack([clock, *(np.interp(clock, *track) for track in kept.values())])
-    left = [f"`{name}` is known for {spans[name]:.2f} s only and is left out" for name in spans if name not in kept]
-    return alone(path, "bag", [*kept], states, rate, *left)
+    doubts = [f"`{name}` is known for {spans[name]:.2f} s only and is left out" for name in spans if name not in kept]
+    paused = defaultdict[str, list[str]](list)  # names by what is told of the pauses of their topic
+    for name, (t, _) in kept.items():
+        for said in pauses(t):
+            paused[said].append(name)
+    doubts += [f"of {first_names(those)}: {said}" for said, those in paused.items() if said not in pauses(clock)]
+    return alone(path, "bag", [*kept], states, rate, *doubts)
 
 
 def _tracks(path: Path, signal: str | None) -> JointTracks:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from sqrp_cli.errors import Place, bad_input
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Indices
 from sqrp_cli.records import dataclass
 
 MOST_NUMBERS, MOST_NAMES = 20_000_000, 1000
@@ -19,6 +19,8 @@ STEP_BACK, LONGEST = 0.1, 12 * 3600.0
 """A clock that goes back by more [s] is not that of one motion, nor is one that spans more [s]."""
 GAP, GAP_STEPS = 0.5, 5.0
 """A pause between states is told from this on [s], if it is as many usual steps, too."""
+SLOW, FEW = 1.0, 10
+"""States that are usually farther apart [s] are told, unless they are so few, as points that somebody taught are."""
 HELD = "held"
 """A name of programs and logs beside their joints: 1 while the tool holds something, else 0."""
 
@@ -28,11 +30,13 @@ class Episode:
     """One motion; between two times its values are linear.
 
     times: strictly rising from 0, shape (T,) [s]. values: as they are stored, shape (T, N), a column for each name of
-    the recording. told: what was done to its clock or is doubtful in it, in sentences; empty for a clean one.
+    the recording. frames: the number of each state in its file, (T,), from 0 unless that numbers them. told: what was
+    done to its clock or is doubtful in it, in sentences; empty for a clean one.
     """
 
     times: Array
     values: Array
+    frames: Indices
     told: tuple[str, ...] = ()
 
 
@@ -40,8 +44,8 @@ class Episode:
 class Recording:
     """A recording that can be read, episode by episode, as often as asked for.
 
-    read: gives an episode by its number, from 0, keeping the last one in memory; raises InputError for damage.
-    units: of names that have one: `rad` (or m, of joints that slide), `deg`, `percent`. episodes: their names.
+    read: gives an episode by its index, keeping the last one in memory; raises InputError for damage.
+    units: of names that have one: `rad` (or m, of joints that slide), `deg`, `mm`, `percent`. episodes: their names.
     Raises InputError without joints or episodes, and for names that are given twice or too many.
     """
 
@@ -61,11 +65,30 @@ class Recording:
             message = f"this {self.kind} has {count:,} names of {len(self.names):,} columns; expected one each"
             raise bad_input("wrong-columns", f"{message}, {MOST_NAMES:,} at most", Place(self.path))
 
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """The numbers of its episodes, in order: their names, if these are different whole numbers, else from 0 on."""
+        own = tuple(int(name) for name in self.episodes if name.isdecimal())
+        return own if len({*own}) == len(self.episodes) else tuple(range(len(self.episodes)))
 
-def episode_of(states: Array, names: Sequence[str], place: Place, what: str, rate: float | None) -> Episode:
+
+def pauses(times: Array) -> tuple[str, ...]:
+    """What is told of pauses in rising times, (n,) [s]: at most one sentence."""
+    steps = np.diff(times)
+    if not len(steps) or not (count := np.count_nonzero(steps > max(GAP, GAP_STEPS * np.median(steps)))):
+        return ()
+    longest = int(np.argmax(steps))
+    begin = times[longest] - times[0]
+    return (f"{count:,} pauses without states, the longest of {steps[longest]:.2f} s from {begin:.2f} s on",)
+
+
+def episode_of(
+    states: Array, names: Sequence[str], place: Place, what: str, rate: float | None, frames: Indices | None = None
+) -> Episode:
     """An episode of states as a file has them, in its order; what: how messages call it.
 
     states: times on any clock [s], then values, shape (T, 1 + N). rate: if one is stated [Hz], times do not count.
+    frames: numbers of the states, (T,); by default from 0 on.
 
     Jitter stays: each state counts at its own time. Of states at one time the first one counts; those that are up to
     `STEP_BACK` before an earlier one are put in order. Pauses are told. Raises InputError without states, for numbers
@@ -82,7 +105,7 @@ def episode_of(states: Array, names: Sequence[str], place: Place, what: str, rat
     times = states[:, 0]
     back = np.maximum.accumulate(times) - times
     rising, first = np.unique(times, return_index=True)
-    steps, twice, late = np.diff(rising), len(times) - len(rising), np.count_nonzero(back)
+    twice, late = len(times) - len(rising), np.count_nonzero(back)
     wrong_clock = [
         (back.max() > STEP_BACK, f"goes back by {back.max():.3g} s at state {np.argmax(back) + 1:,}"),
         (2 * twice > len(times), f"gives {twice:,} of {len(times):,} states the time of another one"),
@@ -94,11 +117,10 @@ def episode_of(states: Array, names: Sequence[str], place: Place, what: str, rat
         raise bad_input("wrong-clock", message, place, mend=mend)
     told = [f"{twice:,} states have the time of another one and are left out"] if twice else []
     told += [f"{late:,} states came late and are put in order"] if late else []
-    if pauses := np.count_nonzero(steps > max(GAP, GAP_STEPS * np.median(steps))) if len(steps) else 0:
-        longest = int(np.argmax(steps))
-        begin = rising[longest] - rising[0]
-        told += [f"{pauses:,} pauses without states, the longest of {steps[longest]:.2f} s from {begin:.2f} s on"]
-    return Episode(rising - rising[0], states[first, 1:], tuple(told))
+    if len(rising) > FEW and (step := float(np.median(np.diff(rising)))) >= SLOW:
+        told += [f"its states are usually {step:.4g} s apart: are its times in seconds?"]
+    numbers = first if frames is None else frames[first]
+    return Episode(rising - rising[0], states[first, 1:], numbers, (*told, *pauses(rising)))
 
 
 def alone(path: Path, kind: str, names: Sequence[str], states: Array, rate: float | None, *told: str) -> Recording:

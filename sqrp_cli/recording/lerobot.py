@@ -72,18 +72,20 @@ def open_dataset(path: Path, rate: float | None, signal: str | None) -> Recordin
 
     def read(episode: int) -> Episode:
         number, file = numbers[episode], files[numbers[episode]]
-        parts = [np.zeros((0, 1 + width)), *_states(file, feature, width, None if is_v2 else number, fps)]
-        return episode_of(np.concatenate(parts), names, Place(file), f"episode {number}", rate)
+        parts = [np.zeros((0, 2 + width)), *_states(file, feature, width, None if is_v2 else number, fps)]
+        states = np.concatenate(parts)
+        return episode_of(states[:, 1:], names, Place(file), f"episode {number}", rate, states[:, 0].astype(int))
 
     return Recording(path, "dataset", tuple(names), read, {}, tuple(map(str, numbers)))
 
 
 def _states(file: Path, feature: str, width: int, episode: int | None, fps: float) -> Iterator[Array]:
-    """Times [s] and values of an episode in a file, of all for None, (n, 1 + width), few rows at a time."""
+    """Frames, times [s] and values of an episode in a file, of all for None, (n, 2 + width), few rows at a time."""
     import pyarrow.compute
 
     with _opened(file, (feature, _NUMBER)) as parquet:
-        clock, scale = (_TIME, 1.0) if _TIME in parquet.schema_arrow.names else (_FRAME, 1.0 / fps)
+        known = [name for name in (_TIME, _FRAME) if name in parquet.schema_arrow.names]
+        clock, scale = (_TIME, 1.0) if _TIME in known else (_FRAME, 1.0 / fps)
         paths = [parquet.schema.column(index).path for index in range(len(parquet.schema))]
         own = [one == feature or one.startswith(f"{feature}.") for one in paths].index(True)
         at, count = paths.index(_NUMBER), 0
@@ -95,10 +97,11 @@ def _states(file: Path, feature: str, width: int, episode: int | None, fps: floa
             if (numbers := about.column(own).num_values / max(about.num_rows, 1)) != width and about.num_rows:
                 message = f"a row has {numbers:g} numbers of `{feature}`; expected {width}, as `info.json` says"
                 raise bad_input("wrong-columns", message, Place(file))
-            for batch in parquet.iter_batches(_ROWS, [group], [_NUMBER, clock, feature]):
+            for batch in parquet.iter_batches(_ROWS, [group], [_NUMBER, *known, feature]):
                 if episode is not None:
                     batch = batch.filter(pyarrow.compute.equal(batch.column(_NUMBER), episode))
                 values, count = batch.column(feature), count + len(batch)
+                frames = batch.column(_FRAME) if _FRAME in known else np.arange(count - len(batch), count)
                 if count * width > MOST_NUMBERS:
                     raise ValueError(f"it has more than {MOST_NUMBERS:,} numbers of an episode")
                 if pyarrow.types.is_nested(values.type):
@@ -106,7 +109,8 @@ def _states(file: Path, feature: str, width: int, episode: int | None, fps: floa
                         raise ValueError(f"its rows have different counts of `{feature}`")
                     values = values.flatten()
                 times = np.asarray(batch.column(clock), dtype=float) * scale
-                yield np.column_stack([times, np.asarray(values, dtype=float).reshape(-1, width)])
+                numbers = np.asarray(values, dtype=float).reshape(-1, width)
+                yield np.column_stack([np.asarray(frames, dtype=float), times, numbers])
 
 
 @contextmanager

@@ -52,16 +52,16 @@ class Phase(NamedTuple):
     grasp: int
 
 
-def find_grasps(times: Array, closed: Array, limit: float, empty: float) -> list[Grasp]:
+def find_grasps(times: Array, opening: Array, limit: float, empty: float) -> list[Grasp]:
     """The grasps of an episode, in order.
 
-    times: shape (T,) [s]. closed: how far the gripper is open, in any unit, shape (T,): it holds, or is closed, below
+    times: shape (T,) [s]. opening: how far the gripper is open, in any unit, shape (T,): it holds, or is closed, below
     `limit`; below `empty` nothing is between its jaws.
     """
     # A running median, of an odd number of samples, and the state with hysteresis.
     step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
     half, still = max(1, round(0.5 * SMOOTHED / step)), 1 + max(1, round(SHORTEST_STILL / step))
-    padded = np.concatenate([np.full(half, closed[0]), closed, np.full(half, closed[-1])])
+    padded = np.pad(opening, half, mode="edge")
     s = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
     opens = limit + HYSTERESIS * max(0.0, float(s.max()) - limit)
     mark = np.where(s < limit, 1, np.where(s > opens, 0, -1))

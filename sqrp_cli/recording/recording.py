@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -68,7 +69,7 @@ def open_recording(path: Path, *, signal: str | None = None, rate: float | None 
             message = f"this {one.kind} {what}; expected one as {files[0].name}"
             raise bad_input("wrong-columns", message, Place(one.path))
         found = one.read(0)
-        return Episode(found.times, found.values[:, [one.names.index(name) for name in first.names]], found.told)
+        return replace(found, values=found.values[:, [one.names.index(name) for name in first.names]])
 
     names = tuple(file.stem for file in files)
     return Recording(path, first.kind, first.names, read, first.units, names)

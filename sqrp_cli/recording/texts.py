@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from datetime import datetime
 from functools import partial
 from io import TextIOWrapper
-from itertools import chain
+from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +36,9 @@ _WITHIN: tuple[KeyPath, ...] = ((), ("joint_trajectory",), ("trajectory",), ("tr
 _TIME = re.compile(r"(?i)(time|time_?stamp|stamp|t|secs?|seconds|time_from_start)\W*_?(ns|us|µs|ms|s|secs?)?\W*")
 _EPISODE = re.compile(r"(?i)episode(_?(index|id|number))?")
 _DIVISORS = {"ns": 1e9, "us": 1e6, "µs": 1e6, "ms": 1e3}
-_UNITS = {"deg": r"(?i)\bdeg|_deg|°", "rad": r"(?i)\brad|_rad", "percent": r"(?i)%|percent"}
+_UNITS = {"deg": r"(?i)\bdeg|_deg|°", "rad": r"(?i)\brad|_rad", "percent": r"(?i)%|percent", "mm": r"(?i)(\b|_)mm\b"}
+_AHEAD = 1000
+"""Rows among which the first cell of a column tells whether it has numbers, if it is empty in those above."""
 _RAPID, _UNUSED = re.compile(r"(?i)(.*[._])?(rax_\d|eax_[a-f])"), 8.9e9
 """Axes as RAPID names them, in degrees; it writes 9E9 for those that are not there."""
 _NUMBERED, _TURN = re.compile(r"(?i)(j|joint|a|axis|q)[\s_]?\d"), 6.4
@@ -71,16 +73,18 @@ def open_table(path: Path, rate: float | None, _signal: str | None) -> Recording
         begin, end = starts[episode : episode + 2]
         times = columns[clock] if clock is not None else number  # which a stated rate replaces
         states = np.column_stack([column[begin:end] for column in (times, *joints.values())])
-        return episode_of(states, [*joints], where, f"episode {episode}" if chapter else "this table", rate)
+        return episode_of(states, [*joints], where, f"episode {numbers[episode]}" if chapter else "this table", rate)
 
-    return Recording(path, "table", tuple(joints), read, units, tuple(f"{one:g}" for one in number[starts[:-1]]))
+    numbers = tuple(f"{one:g}" for one in number[starts[:-1]])
+    return Recording(path, "table", tuple(joints), read, units, numbers)
 
 
 def _columns(path: Path) -> Mapping[str, Array]:
     """The columns of numbers of a table by name, (n,) each, that of times in seconds; text is left out.
 
     They are divided by `;`, tabs, `,`, `|` or blanks, whichever the line of names has; where that is no comma, numbers
-    may have decimal commas. Lines that begin with `#` or `%` are left out.
+    may have decimal commas. The first cell of a column that is not empty tells whether it has numbers, and empty ones
+    among these are NaN. Lines that begin with `#` or `%` are left out.
     """
     at, commas = 0, False
     with open_input(path, MAX_BYTES) as file, TextIOWrapper(file, "utf-8-sig", errors="replace") as text:
@@ -93,24 +97,30 @@ def _columns(path: Path) -> Mapping[str, Array]:
                     yield line.replace(",", ".") if commas else line
 
         try:
-            rows, used = lines(), dict[int | str, Callable[[str], float]]()
+            rows, used, cells = lines(), dict[int | str, Callable[[str], float]](), list[str]()
             head = next(rows, "")
             divider = next((one for one in ";\t,|" if one in head), None)
             commas = divider != ","
-            first = next(rows, "")
-            names, cells = ([cell.strip(' "\n') for cell in line.split(divider)] for line in (head, first))
+            for line in islice(rows, _AHEAD):
+                own = (cell.strip(' "\n') for cell in line.split(divider))
+                cells = [one or other for one, other in zip_longest(cells, own, fillvalue="")]
+                if all(cells):
+                    break
+            names = [name.strip(' "\n') for name in head.split(divider)]
             for index, (name, cell) in enumerate(zip(names, cells, strict=False)):
                 if name == HELD:
                     used[index] = lambda cell: float(cell.strip() not in ("", "0"))
                 elif not np.isnan(as_number(cell)) or cell.lower() == "nan":
-                    used[index] = float
+                    used[index] = lambda cell: float(cell.strip() or "nan")
                 elif _TIME.fullmatch(name):
                     used[index] = lambda cell: datetime.fromisoformat(cell.strip()).timestamp()
             chosen = [index for index in range(len(names)) if index in used]
-            if not first or not chosen or len({names[index] for index in chosen}) < len(chosen):
+            if not cells or not chosen or len({names[index] for index in chosen}) < len(chosen):
                 raise ValueError("no numbers, or a name twice")
+            text.seek(0)
+            at, rows = 0, islice(lines(), 1, None)
             numbers = partial(np.loadtxt, delimiter=divider, quotechar='"', comments=None, ndmin=2)
-            table = numbers(chain([first], rows), usecols=chosen, converters=used, max_rows=MOST_NUMBERS // len(chosen))
+            table = numbers(rows, usecols=chosen, converters=used, max_rows=MOST_NUMBERS // len(chosen))
             if next(rows, None) is not None:
                 raise ValueError(f"more than {MOST_NUMBERS:,} numbers")
         except ValueError as error:

@@ -25,6 +25,7 @@ from sqrp_cli.starter.search import views_of
 FIRST_EPISODES, TAKEN = 4, 400
 """So many episodes tell what is guessed, by so many states of each at most."""
 WITHIN_TURN = 6.5  # numbers beyond it are no radians
+MUCH = 5.0  # numbers of a joint that slides are in mm, if they are so many times as large as its limits
 SLACK = 0.2  # degrees may be as far past the limits of a joint, as zeros of joints differ [rad]
 ROUNDED = 2e-4  # home stays so far within limits, as its file has hundredths of a degree, or tenths of a millimetre
 OPENS = 0.05  # a gripper that opens and closes by less than this share of its limits takes nothing
@@ -63,6 +64,9 @@ def guess_joints(
         mend = "keep the columns of one arm in the file, or write `recordings` with `joints` yourself"
         raise bad_input("ambiguous-name", message, Place(recording.path), mend=mend)
     pairs = {joint: names[0] for joint, names in found.items()}
+    if not pairs and {"x", "y", "z"} <= {_plain(name) for name in recording.names}:
+        message = f"{first_names(recording.names)} are poses of a tool; expected positions of joints"
+        raise bad_input("no-joints", message, Place(recording.path), mend="record the joints, too")
     if not pairs:  # in their order, numbered ones without the gripper, too
         counts = [int(one[0]) for name in recording.names if (one := re.findall(r"\d+", name))]
         numbered = counts == [*range(min(counts, default=0), min(counts, default=0) + len(recording.names))]
@@ -77,23 +81,29 @@ def guess_joints(
     columns = {joint: numbers[:, recording.names.index(name)] for joint, name in pairs.items()}
     spans = {joint: (float(column.min()), float(column.max())) for joint, column in columns.items()}
     turning = [(*spans[joint], *limits[joint]) for joint in pairs if joint != jaw and joint not in slides]
-    farthest = max((max(-least, most) for least, most, _, _ in turning), default=0.0)
+    ends = [max(-least, most) for least, most, _, _ in turning]
+    farthest, at_end = max(ends, default=0.0), sum(98.0 <= end <= 100.5 for end in ends)
     fits = all(low - SLACK <= radians(least) and radians(most) <= high + SLACK for least, most, low, high in turning)
-    beyond, in_shares = farthest > WITHIN_TURN, 98.0 <= farthest <= 100.5
+    beyond, in_shares = farthest > WITHIN_TURN, at_end and (farthest == 100.0 or (at_end > 1 and farthest <= 100.5))
     usual = "rad" if not beyond else "deg" if fits and not in_shares else "percent"
+    either = f", though they may be {'deg' if usual == 'percent' else 'percent'}" if at_end and fits else ""
     guesses = []
     for joint, name in pairs.items():
         (least, most), (low, high) = spans[joint], limits[joint]
         stated = recording.units.get(name, "")
-        unit = stated or ("rad" if joint in slides else usual)
+        unit = stated or usual
         if joint == jaw and not stated and beyond and least >= -1.0 and most <= 101.0:
             unit = "percent"
-        scale, offset = (1.0 if unit == "rad" else pi / 180), 0.0
+        elif joint in slides and unit != "percent":
+            far = stated != "rad" and max(-least, most) > MUCH * max(abs(low), abs(high))
+            unit = "mm" if stated == "mm" or far else "m"
+        scale, offset = {"deg": pi / 180, "mm": 1e-3}.get(unit, 1.0), 0.0
         if unit == "percent" and joint == jaw and least >= -1.0:  # from closed to open
             scale, offset = (high - low) / 100, low
         elif unit == "percent":
             scale, offset = (high - low) / 200, 0.5 * (high + low)
-        guesses.append(JointGuess(name, joint, scale, offset, f"{least:.4g} to {most:.4g}, taken as {unit}"))
+        doubt = either if (least, most, low, high) in turning and not stated else ""
+        guesses.append(JointGuess(name, joint, scale, offset, f"{least:.4g} to {most:.4g}, taken as {unit}{doubt}"))
     return guesses
 
 

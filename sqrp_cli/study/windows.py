@@ -6,6 +6,7 @@ from math import ceil
 
 import numpy as np
 
+from sqrp_cli.logic.formula_time import TimeInterval, merge
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.observer import sees_all
 from sqrp_cli.study.analysis import Analysis
@@ -35,9 +36,8 @@ def free_views(cell: Cell, analysis: Analysis, needed: float) -> tuple[tuple[Fre
     longest |= {one.cameras[0]: lasts[one] for one in sorted(each, key=lasts.__getitem__)}
     nearest = None if enough else max(each, key=lambda one: (lasts[one], -one.start), default=None)
     need = f"{1000 * needed:.0f} ms"
-    words = (
-        f"{len(enough)} time{'s' * (len(enough) != 1)} all that must be seen is in free view of a camera for {need}."
-    )
+    times = len(merge(TimeInterval(one.start, one.end) for one in enough))  # of one camera after the other or several
+    words = f"{times} time{'s' * (times != 1)} all that must be seen is in free view of a camera for {need}."
     if nearest is not None:
         missing = ceil(1000 * (needed - lasts[nearest]) - 1e-6)  # rounded, it might be too short
         wait = f"wait {missing} ms at {0.5 * (nearest.start + nearest.end):.3f} s"

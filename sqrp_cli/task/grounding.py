@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import replace
 from string import ascii_lowercase
 
-from sqrp_cli.cell.recordings import EPISODE, USUAL_DETECTORS
+import numpy as np
+
+from sqrp_cli.cell.recordings import EPISODE, HOLD, USUAL_DETECTORS
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.files.frames import AT_START, TOOL, frame_poses, link_called
 from sqrp_cli.geometry import Array, inverse, pose
 from sqrp_cli.logic.domain import nested
-from sqrp_cli.logic.formula import Predicate, argument_lists, bind, named_primitives
+from sqrp_cli.logic.formula import Formula, Operation, Predicate, argument_lists, bind, named_primitives
 from sqrp_cli.logic.formula_time import GroundOperator, ground_operators, timed_operators
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion
@@ -21,6 +25,9 @@ from sqrp_cli.robot.robot import Robot
 from sqrp_cli.sight.targets import SoughtBox, Target
 from sqrp_cli.skill.target_box import BoxSpec
 from sqrp_cli.task.task import Candidate
+
+SAME_GRASP = 1e-6
+"""Poses of an object in the tool that differ by less, in each number, are one."""
 
 
 def ground_formulas(candidate: Candidate, motion: Motion) -> tuple[GroundOperator, ...]:
@@ -36,16 +43,38 @@ def ground_formulas(candidate: Candidate, motion: Motion) -> tuple[GroundOperato
         known[one.name.removesuffix(number)] = one.start, one.end
         taken.update([one.held] if one.held is not None else ())
     everything = set[str]().union(*(taken for _, taken in rounds.values()))
+    otherwise = _held_otherwise(motion) if recorded else {}
     found = list[GroundOperator]()
     for requirement in candidate.skill.requirements:
         formula, named = bind(requirement.formula, candidate.binding, lists), named_primitives(requirement.formula)
         atoms = (part.atom for part in nested(formula) if isinstance(part, Predicate))
-        asked = {one for atom in atoms if atom.predicate == "hold" for one in atom.arguments}
-        for known, taken in rounds.values():
+        asked = {one for atom in atoms if atom.predicate == HOLD for one in atom.arguments}
+        for number, (known, taken) in rounds.items():
             of_it = everything if named <= {EPISODE} else taken
             if not recorded or (named <= known.keys() and asked <= of_it):
-                found += ground_operators(formula, known, motion.time, requirement.name)
+                held = () if named <= {EPISODE} else otherwise.get(number, ())
+                own = _about_grasp(formula, number, held) if held else formula
+                found += ground_operators(own, known, motion.time, requirement.name)
     return tuple(dict.fromkeys(found)) if recorded else tuple(found)
+
+
+def _held_otherwise(motion: Motion) -> Mapping[str, Mapping[str, Array]]:
+    """X_TO of objects in grasps that hold them elsewhere than their first one, by its number in names of phases."""
+    first, found = dict[str, Array](), defaultdict[str, dict[str, Array]](dict)
+    for one in motion.primitives:
+        if one.held is None or one.X_TO is None:
+            continue
+        if not np.allclose(first.setdefault(one.held, one.X_TO), one.X_TO, rtol=0.0, atol=SAME_GRASP):
+            found[one.name.lstrip(ascii_lowercase)][one.held] = one.X_TO
+    return found
+
+
+def _about_grasp(formula: Formula, number: str, held: Container[str]) -> Formula:
+    """A formula of a grasp, in which `hold2(cube)` is that it is where the second one holds it; held: those objects."""
+    if isinstance(formula, Operation):
+        return replace(formula, parts=tuple(_about_grasp(part, number, held) for part in formula.parts))
+    otherwise = formula.name == HOLD and formula.atom.arguments[0] in held
+    return replace(formula, name=f"{HOLD}{number}") if otherwise else formula
 
 
 def formulas_outside(candidate: Candidate, motion: Motion) -> tuple[tuple[int, int], ...]:
@@ -84,11 +113,13 @@ def ground_targets(
     """
     skill, lists, objects = candidate.skill, argument_lists(candidate.skill.action), cell.workspace.objects
     # An object that the motion does not hold is held as a grasp at the waypoint in question would hold it.
-    held = {p.held: p.X_TO for p in motion.primitives if p.held is not None and p.X_TO is not None}
+    held = {p.held: p.X_TO for p in reversed(motion.primitives) if p.held is not None and p.X_TO is not None}
+    otherwise = _held_otherwise(motion)
     found: list[Target] = []
     for atom in dict.fromkeys(literal.atom for formula in formulas for literal in formula.literals):
-        spec = skill.targets[atom.predicate]
-        binding = {**candidate.binding, **dict(zip(lists[atom.predicate][0], atom.arguments, strict=True))}
+        known, number = (atom.predicate, "") if atom.predicate in skill.targets else (HOLD, atom.predicate[len(HOLD) :])
+        spec = skill.targets[known]
+        binding = {**candidate.binding, **dict(zip(lists[known][0], atom.arguments, strict=True))}
         waypoints = WaypointGrounder(
             waypoints=skill.waypoints,
             binding=binding,
@@ -96,7 +127,7 @@ def ground_targets(
             objects=objects,
             X_WH=cell.model.tool_pose(cell.model.home),
             X_WO=world.X_WO,
-            X_TO=held,
+            X_TO=held | dict(otherwise[number]) if number else held,
         )
         boxes = (_box(cell, box, waypoints).with_color(str(atom), objects) for box in spec.boxes)
         found.append(Target(atom, spec.cameras, tuple(boxes)))

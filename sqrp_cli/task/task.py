@@ -58,8 +58,8 @@ def _read_step(text: str, workspace: Workspace) -> Task:
     if (recorded := workspace.recordings.get(words[0])) is not None:
         from sqrp_cli.motion.recorded_motion import RecordedMotions  # few workspaces have any
 
-        motions = RecordedMotions(recorded, workspace.objects, workspace.robot.fingers)
-        episodes = MotionParameter(EPISODE, tuple(map(float, range(len(motions.recording.episodes)))))
+        motions = RecordedMotions(recorded, workspace.objects)
+        episodes = MotionParameter(EPISODE, tuple(map(float, motions.recording.numbers)))
         skill: Skill | None = replace(recorded.skill, motion_parameters=(episodes,), recorded=motions)
     else:
         skill = named_skill(words[0], workspace.skills)
@@ -102,7 +102,10 @@ def _read_step(text: str, workspace: Workspace) -> Task:
         bound = dict(zip(motion, values, strict=True))
         shown = in_words(skill, {name: value for name, value in bound.items() if len(motion[name]) > 1})
         own = [*binding.values(), *(f"{name}={value.replace(' ', '')}" for name, value in shown.items())]
-        name = f"{EPISODE} {bound[EPISODE]:g}" if skill.recorded else " ".join(own) or skill.name
+        name = " ".join(own) or skill.name
+        if skill.recorded:
+            one = bound[EPISODE]
+            name = f"{EPISODE} {one if isinstance(one, str) else f'{one:.10g}'}"
         found.append(Candidate(skill, binding, bound, branch=branch, name=name))
     return Task(text, skill, tuple(found))
 

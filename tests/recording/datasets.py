@@ -11,12 +11,16 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+CUT = 3
+"""So many frames of each episode were cut off at its beginning."""
+
 
 def frames(values: np.ndarray, number: int = 0) -> pa.Table:
     """The frames of an episode at 30 per second; values: (n, width) of its state, one more of its action."""
     lists = [pa.FixedSizeListArray.from_arrays(pa.array(one.ravel()), one.shape[1]) for one in (values, values + 1)]
     times, numbers = pa.array(np.arange(len(values)) / 30, pa.float32()), np.full(len(values), number)
-    return pa.table([*lists, times, numbers], ["observation.state", "action", "timestamp", "episode_index"])
+    names = ["observation.state", "action", "timestamp", "episode_index", "frame_index"]
+    return pa.table([*lists, times, numbers, CUT + np.arange(len(values))], names)
 
 
 def packed(rows: int, width: int, value: float) -> bytes:

@@ -14,7 +14,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.recording.recording import open_recording
 from sqrp_cli.ros.messages import message_types
 from tests.cells import read_cases
-from tests.recording.datasets import write_dataset
+from tests.recording.datasets import CUT, write_dataset
 
 TEXTS = read_cases("recordings.yaml")
 NAMES = ["shoulder_pan.pos", "gripper.pos"]
@@ -59,6 +59,17 @@ def test_datasets_have_their_states_episode_by_episode(version: str, tmp_path: P
         for number in (1, 0):
             np.testing.assert_array_equal(found.read(number).values, states[number] + np.float32(more))
             np.testing.assert_allclose(found.read(number).times, np.arange(5) / 30, atol=1e-7)
+            np.testing.assert_array_equal(found.read(number).frames, CUT + np.arange(5))
+
+
+def test_episodes_and_states_keep_their_own_numbers(tmp_path: Path) -> None:
+    write_dataset(tmp_path / "part", [np.zeros((2, 2))] * 8, NAMES, "v2.1")
+    for number in {*range(8)} - {3, 7}:
+        (tmp_path / f"part/data/chunk-000/episode_{number:06d}.parquet").unlink()
+    assert open_recording(tmp_path / "part").numbers == (3, 7)
+    (tmp_path / "table.csv").write_text("t,a\n0,1\n2,5\n1.99,4\n2,6\n3,7\n")
+    found = open_recording(tmp_path / "table.csv")
+    assert (found.numbers, found.read(0).frames.tolist()) == ((0,), [0, 2, 1, 4])
 
 
 @pytest.mark.parametrize("case", TEXTS["datasets"].values(), ids=TEXTS["datasets"])

@@ -30,9 +30,9 @@ def check_parquet() -> None:
 def write_frames(cell: Cell, world: World, candidates: Iterable[Candidate], path: Path) -> int:
     """Write a row for each frame, camera and target of recorded episodes to a Parquet file; how many they are.
 
-    Columns: episode, frame, t [s], phase, target, camera, required (whether it must be seen then), visible (share of
-    the silhouette of its first box that is not seen whole, null where an earlier limit fails), cause and by (null where
-    it is seen). An episode at a time is in memory; those that cannot be judged are left out.
+    Columns: episode and frame by their own numbers, t [s], phase, target, camera, required (whether it must be seen
+    then), visible (share of the silhouette of its first box that is not seen whole, null where an earlier limit fails),
+    cause and by (null where it is seen). An episode at a time is in memory; those that cannot be judged are left out.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -45,14 +45,16 @@ def write_frames(cell: Cell, world: World, candidates: Iterable[Candidate], path
         for candidate in candidates:
             if not isinstance(recorded := candidate.skill.recorded, RecordedMotions):
                 raise bad_option(f"`{candidate.task}` is no recording, so it has no frames")
-            motion, t = feasible_motion(cell, candidate, world), recorded.episode(candidate).times
+            motion, own = feasible_motion(cell, candidate, world), int(candidate.values["episode"])
             if isinstance(motion, Infeasible):
                 continue
+            episode = recorded.episode(candidate)
+            t = episode.times
             planned = planned_motion(cell, candidate, world, motion)
             samples = planned.stage.samples_at(t)
             required = planned.stage.requires(planned.targets, samples)
             phases = [motion.primitives[planned.stage.pieces[k].primitive].name for k in samples.piece.tolist()]
-            whose = {"episode": np.full(len(t), int(candidate.values["episode"])), "frame": np.arange(len(t)), "t": t}
+            whose = {"episode": np.full(len(t), own), "frame": episode.frames, "t": t}
             found = cell.observer.verdicts(planned.targets, planned.stage.states(samples))
             for column, (target, boxes) in enumerate(zip(planned.targets, found, strict=True)):
                 first, _ = first_failing(boxes, np.arange(len(t)))
