@@ -30,7 +30,7 @@ ROOMS = {
     "camera": ("camera", 2_306),
     "cell": ("cell", 3_604),
     "logic": ("logic", 2_316),
-    "skill, program, recording": ("skill program recording", 2_848),
+    "skill, program, recording": ("skill program recording", 2_631),
     "task": ("task", 1_019),
     "motion": ("motion", 2_950),
     "sight": ("kernel sight", 1_331),
@@ -41,7 +41,7 @@ ROOMS = {
     "field": ("field ros", 2_923),
     "score": ("score", 2_307),
     "show": ("show", 5_176),
-    "ask": ("ask cli __init__ __main__", 5_356),
+    "ask": ("ask cli __init__ __main__", 5_355),
     "studio": ("studio", 1_735),
     "starter, platform": ("starter platform", 2_399),
 }

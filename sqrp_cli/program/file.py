@@ -21,11 +21,10 @@ from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.cell.workspace_file import shortest_path
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
+from sqrp_cli.files.source import KeyPath
 from sqrp_cli.files.validation import validate
 from sqrp_cli.files.yaml_file import MAX_BYTES, read_yaml
-from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.platform.files import write_atomically
-from sqrp_cli.program.check import Keys, flaws, flaws_in
 from sqrp_cli.program.record import Program
 
 _KEYS = ("sqrp_program", "workspace", "digest", "steps")
@@ -40,7 +39,10 @@ _SIGNS = string.ascii_letters + string.digits + "+-"
 
 
 def load_program(path: Path) -> Program:
-    """Read and validate a program file. Raises InputError with the place of each error, see `program.check`."""
+    """Read and validate a program file. Raises InputError with the place of each error.
+
+    Whether what it says goes together `check_unedited` tells: nobody else writes programs.
+    """
     if path.is_dir():
         raise bad_input("no-program", "found a folder, expected the file of a program", Place(path), mend=_MAKE)
     no_program = bad_input("no-program", "this is no program: it lacks the key `sqrp_program`", Place(path), mend=_MAKE)
@@ -54,14 +56,7 @@ def load_program(path: Path) -> Program:
         raise
     if "sqrp_program" not in document.data:
         raise no_program
-    program = validate(document, Program)
-    problems = [document.problem(*flaw) for flaw in flaws(program)]
-    for number, step in enumerate(program.steps):
-        for index, formula in enumerate(step.formulas):
-            parse_formula(formula.formula, document.value_place(("steps", number, "formulas", index, "formula")))
-    if problems:
-        raise InputError(*problems)
-    return program
+    return validate(document, Program)
 
 
 def save_program(program: Program, path: Path) -> None:
@@ -87,14 +82,14 @@ def _summed(program: Program) -> dict[str, Any]:
     return program.model_dump(mode="json", by_alias=True, exclude=_NOT_SUMMED)
 
 
-def _marks(program: Program) -> dict[Keys, str]:
+def _marks(program: Program) -> dict[KeyPath, str]:
     """A sign for each value, by its keys: if the checksum is wrong, they show which value changed.
 
     Values are what the file has on one line: plain ones and lists of them. Signs are short, as there are hundreds: a
     changed value keeps its sign once in 64 times.
     """
-    marks: dict[Keys, str] = {}
-    waiting: list[tuple[Keys, Any]] = [((), _summed(program))]  # the next one last
+    marks: dict[KeyPath, str] = {}
+    waiting: list[tuple[KeyPath, Any]] = [((), _summed(program))]  # the next one last
     while waiting:
         at, value = waiting.pop()
         if isinstance(value, list) and any(isinstance(item, Mapping) for item in value):
@@ -134,9 +129,6 @@ def check_program(program: Program, path: Path, workspace: Workspace, replaced: 
     anew = doubt is not None and replaced == len(program.steps) > 0
     if doubt is not None and not (anew and _begins_as_stated(program)):
         raise InputError(doubt)
-    if not anew and (found := list(flaws_in(program, workspace))):
-        document = read_yaml(path, keys=_KEYS)
-        raise InputError(*(document.problem(*flaw) for flaw in found))
     check_unedited(program, path)
     return anew
 

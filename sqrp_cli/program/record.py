@@ -7,7 +7,6 @@ camera covers what when, and the world before and after.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from itertools import pairwise
 from typing import Annotated, Literal
 
 import numpy as np
@@ -53,22 +52,12 @@ class _Numbers(Entry):
 
 
 def _trajectory(numbers: _Numbers) -> Trajectory:
-    """The trajectory of checked numbers. Raises PydanticCustomError where they are not consistent."""
-    path, law = numbers.path, numbers.law
-    for part, pieces in (("path", path), ("law", law)):
-        count = len(pieces.coefficients)
-        if count == 0 or len(pieces.breaks) != count + 1 or any(b < a for a, b in pairwise(pieces.breaks)):
-            message = f"the breaks of the {part} must rise and be one more than there are pieces"
-            raise refused("program-motion", message)
-    if any(a == b for a, b in pairwise(path.breaks)):
-        raise refused("program-motion", "the breaks of the path must be different")
-    if any(len(piece) != 4 for piece in law.coefficients):
-        raise refused("program-motion", "every piece of the law must have four coefficients")
-    rows = {len(row) for piece in path.coefficients for row in piece}
-    if len(rows) != 1 or 0 in rows or len({len(piece) for piece in path.coefficients}) != 1:
+    """The trajectory of numbers. Raises PydanticCustomError where they are no arrays."""
+    try:
+        return Trajectory.from_numbers(numbers.model_dump())
+    except ValueError as error:
         message = "every coefficient of the path must have one number per joint, every piece as many coefficients"
-        raise refused("program-motion", message)
-    return Trajectory.from_numbers(numbers.model_dump())
+        raise refused("program-motion", message) from error
 
 
 _Fault = Annotated[FaultMetrics, PlainSerializer(lambda one: {k: v for k, v in vars(one).items() if k != "why"})]
@@ -171,18 +160,11 @@ class _Times(Entry):
     """Likewise."""
 
 
-def _onset(numbers: _Times) -> Onset:
-    rising = all(a <= b for times in (numbers.x, numbers.shown) for a, b in pairwise(times))
-    if len(numbers.x) < 2 or len(numbers.x) != len(numbers.shown) or not rising:
-        raise refused("program-motion", "expected two times or more that rise, and as many of both")
-    return Onset(np.array(numbers.x), np.array(numbers.shown))
-
-
 _Onset = Annotated[
     Onset,
     SerializedAs(
         _Times,
-        _onset,
+        lambda numbers: Onset(np.array(numbers.x), np.array(numbers.shown)),
         lambda onset: {"x": onset.x.tolist(), "shown": onset.shown.tolist()},
     ),
 ]

@@ -21,7 +21,7 @@ from sqrp_cli.files.source import KeyPath, describe
 from sqrp_cli.files.units import LARGEST, as_number
 from sqrp_cli.files.yaml_file import read_yaml
 from sqrp_cli.geometry import Array
-from sqrp_cli.program.file import load_program
+from sqrp_cli.program.file import check_unedited, load_program
 from sqrp_cli.program.joint_trajectory import points
 from sqrp_cli.recording.episode import HELD, MOST_NUMBERS, Episode, Recording, alone, episode_of
 
@@ -155,7 +155,7 @@ def open_trajectory(path: Path, rate: float | None, _signal: str | None) -> Reco
 
 def open_program(path: Path, rate: float | None, _signal: str | None) -> Recording:
     """The motion of a program, exactly at times of a rate, by default `RATE`, and where parts begin; and `HELD`."""
-    program = load_program(path)
+    check_unedited(program := load_program(path), path)
     found = [*points(program, rate or RATE)] if program.steps else []
     states = np.array([[point.time, *point.q, point.held is not None] for point in found], dtype=float)
     return alone(path, "program", [*program.joints, HELD], states, None)

@@ -11,7 +11,6 @@ import numpy as np
 
 from sqrp_cli.errors import MOST_NAMES, InputError, bad_input, expected_names, nearest
 from sqrp_cli.files.units import TIME, expected_quantity, read_quantity
-from sqrp_cli.program.check import SAME_TIME
 from sqrp_cli.program.record import ProgramPrimitive, Step
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.monitor.step_monitor import Alarm, Attempt, predicted_delay
@@ -29,6 +28,7 @@ FaultKind = Literal[
 ]  # fmt: skip
 
 
+SAME_TIME = 1e-6  # tolerance of times [s]
 Form: TypeAlias = tuple[str, re.Pattern[str], str]
 """How a kind of fault is written: examples, for messages; what follows the name of the kind; and that in words."""
 _AT, _BY = re.compile(r":(?P<camera>[^@=]+)@(?P<time>.+)"), re.compile(r":(?P<camera>[^@=]+)=(?P<delay>.+)")

@@ -303,7 +303,6 @@ def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path:
 
     Raises InputError if the file has changed meanwhile, so that the steps do not begin where it ends.
     """
-    from sqrp_cli.program.check import flaws
     from sqrp_cli.program.file import check_program, load_program, made_for, new_program, save_program
 
     cameras = tuple(camera.name for camera in cell.observer.cameras)
@@ -320,8 +319,8 @@ def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path:
             program = new_program(cell.workspace, cell.model.joints, path)
         there = program.steps[: len(program.steps) - replaced]
         program = program.model_copy(update={"steps": (*there, *added)})
-        if any(flaws(program)):
-            now = f"ends with step {len(there)}, {there[-1].short_task}," if there else "has no step"
+        if there and not _same(there[-1].after, added[0].before):
+            now = f"ends with step {len(there)}, {there[-1].short_task},"
             message = f"another command has changed this program meanwhile: it {now} "
             message += f"and `{steps[0][0]}` would not begin where it ends; nothing was written"
             mend = "the same command again starts where it ends now; with another file after --program both are kept"
