@@ -107,6 +107,12 @@ def quaternion_to_matrix(quaternion: ArrayLike) -> Array:
     )
 
 
+def wrong_length(quaternion: ArrayLike) -> str:
+    """What is wrong with the length of a stated quaternion (x, y, z, w), in words; empty if it is 1, to 1 %."""
+    length = float(np.linalg.norm(quaternion))
+    return "" if abs(length - 1.0) <= 0.01 else f"has length {length:.3g}, expected 1 (order x, y, z, w)"
+
+
 def matrix_to_quaternion(rotation: Array) -> Array:
     """The quaternion (x, y, z, w) of length 1 with w >= 0 of a rotation matrix (3, 3)."""
     R = rotation

@@ -163,8 +163,7 @@ class ImageEntry(FileRecord):
     def __post_init__(self) -> None:
         """Raises PydanticCustomError for keys that contradict each other."""
         check_pixels(self.width, self.height)
-        if (self.horizontal_fov is None) == (self.fx is None):
-            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `horizontal_fov`, `fx`")
+        self.check_only_one("horizontal_fov", "fx")
         if self.horizontal_fov is not None and self.fy is not None:
             raise PydanticCustomError("conflicting-keys", "`fy` goes with `fx`, not with `horizontal_fov`")
 
@@ -259,8 +258,7 @@ class PoseFile(FileRecord):
 
     def __post_init__(self) -> None:
         """Raises PydanticCustomError unless it names one file, and a link only of a URDF."""
-        if (self.file is None) == (self.urdf is None):
-            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `file`, `urdf`")
+        self.check_only_one("file", "urdf")
         if (self.link is not None and self.urdf is None) or (self.camera is not None and self.file is None):
             raise PydanticCustomError("conflicting-keys", "`camera` goes with `file`, `link` with `urdf`")
 
@@ -298,10 +296,8 @@ class CameraEntry(Sensing):
     def __post_init__(self) -> None:
         """Raises PydanticCustomError for keys that contradict each other."""
         super().__post_init__()
-        if (self.pose is None) == (self.hand_eye is None):
-            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `pose`, `hand_eye`")
-        if (self.image is None) == (self.calibration is None):
-            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `image`, `calibration`")
+        self.check_only_one("pose", "hand_eye")
+        self.check_only_one("image", "calibration")
         if self.distortion is not None and self.calibration is None:
             raise PydanticCustomError("conflicting-keys", "`distortion` goes with `calibration`; else it is in `image`")
         if self.convention not in (None, "optical") and self.pose is not None and self.pose.look_at is not None:

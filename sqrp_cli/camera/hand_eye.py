@@ -14,7 +14,7 @@ from __future__ import annotations
 import ast
 import re
 import shlex
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from itertools import islice, takewhile
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -33,7 +33,7 @@ from sqrp_cli.files.units import as_number
 from sqrp_cli.files.validation import validate
 from sqrp_cli.files.xml_file import Element, parse_xml
 from sqrp_cli.files.yaml_file import MAX_BYTES, parse_yaml
-from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, read_only, rpy_to_matrix
+from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, read_only, rpy_to_matrix, wrong_length
 from sqrp_cli.ros.bag import Bag, is_bag
 
 TOPIC, _TYPE = "/tf_static", "tf2_msgs/msg/TFMessage"
@@ -68,17 +68,13 @@ class StaticTransform(NamedTuple):
     """Of the camera, as `convention` of a workspace; None where the format does not define them."""
 
     @classmethod
-    def of(cls, stamped: Any, place: Place) -> StaticTransform | None:  # noqa: ANN401 - of a file, or a ROS message
-        """What a `geometry_msgs/TransformStamped` says; None if its quaternion is not of length 1."""
+    def of(cls, stamped: Any, place: Place) -> StaticTransform:  # noqa: ANN401 - of a file, or a ROS message
+        """What a `geometry_msgs/TransformStamped` says. Raises InputError if its quaternion is not of length 1."""
         t, r = stamped.transform.translation, stamped.transform.rotation
-        R = unit_quaternion((r.x, r.y, r.z, r.w))
+        if why := wrong_length(quaternion := (r.x, r.y, r.z, r.w)):
+            raise bad_input("not-a-rotation", f"the quaternion of `{stamped.child_frame_id}` {why}", place)
         frames = (stamped.header.frame_id.lstrip("/"), stamped.child_frame_id.lstrip("/"))
-        return None if R is None else cls(*frames, pose(R, (t.x, t.y, t.z)), place)
-
-
-def unit_quaternion(quaternion: Sequence[float]) -> Array | None:
-    """The rotation matrix of x, y, z, w; None if that is not of length 1, to 1 %."""
-    return None if abs(float(np.linalg.norm(quaternion)) - 1.0) > 0.01 else quaternion_to_matrix(quaternion)
+        return cls(*frames, pose(quaternion_to_matrix(quaternion), (t.x, t.y, t.z)), place)
 
 
 _VECTOR = {"x": Length, "y": Length, "z": Length}
@@ -179,12 +175,11 @@ def _easy_handeye(path: Path, content: bytes, _text: str) -> list[StaticTransfor
     at: KeyPath = ("transform", "rotation") if result.transform else ("transformation",)
     t, r = (found.translation, found.rotation) if result.transform else (found, found)
     quaternion = [getattr(r, name) for name in ("xyzw" if result.transform else _QUATERNION)]
-    R = unit_quaternion(quaternion)
-    if R is None:
-        message = f"the quaternion has length {float(np.linalg.norm(quaternion)):.3g}, expected 1"
-        raise document.error("not-a-rotation", at, message)
+    if why := wrong_length(quaternion):
+        raise document.error("not-a-rotation", at, f"the quaternion {why}")
     frames, place = (frame.lstrip("/"), parameters.tracking_base_frame), document.value_place((*owner, key))
-    return [StaticTransform(*frames, read_only(pose(R, (t.x, t.y, t.z))), place, "easy_handeye", content, document)]
+    X_PC = read_only(pose(quaternion_to_matrix(quaternion), (t.x, t.y, t.z)))
+    return [StaticTransform(*frames, X_PC, place, "easy_handeye", content, document)]
 
 
 def _read_urdf(path: Path, content: bytes, _text: str) -> list[StaticTransform]:
@@ -209,11 +204,7 @@ def _read_messages(path: Path, _content: bytes, text: str) -> list[StaticTransfo
             stamped = validate(document, _MESSAGE).transforms if is_list else [validate(document, _STAMPED)]
             for number, one in enumerate(stamped):
                 at: KeyPath = ("transforms", number) if is_list else ()
-                transform = StaticTransform.of(one, document.value_place((*at, "header", "frame_id")))
-                if transform is None:
-                    message = "the quaternion is not of length 1 (order x, y, z, w)"
-                    raise document.error("not-a-rotation", (*at, "transform", "rotation"), message)
-                found.append(transform)
+                found.append(StaticTransform.of(one, document.value_place((*at, "header", "frame_id"))))
         line += part.count("\n")
     return found
 
@@ -354,25 +345,21 @@ def _of_words(text: str, place: Place) -> StaticTransform:
         if not abs(figures[name]) <= LARGEST_TRANSLATION:
             message = f"`{name}` is `{stated}`, expected a number of at most {LARGEST_TRANSLATION:g}"
             raise bad_input("wrong-value", message, place)
-    R: Array | None = rpy_to_matrix([figures[name] for name in _ANGLES])
+    R, quaternion = rpy_to_matrix([figures[name] for name in _ANGLES]), [figures[name] for name in _QUATERNION]
     if any(name in values for name in _QUATERNION):
-        R = unit_quaternion([figures[name] for name in _QUATERNION])
-    if R is None:
-        raise bad_input("not-a-rotation", "the quaternion is not of length 1 (order qx, qy, qz, qw)", place)
+        if why := wrong_length(quaternion):
+            raise bad_input("not-a-rotation", f"the quaternion {why}", place)
+        R = quaternion_to_matrix(quaternion)
     parent, child = (frame.lstrip("/") for frame in frames)
     return StaticTransform(parent, child, pose(R, [figures[name] for name in _POSITION]), place)
 
 
 def read_bag(path: Path) -> list[StaticTransform]:
     """The static transforms of a recording, the last of each frame. Raises InputError where it cannot be read."""
-    found: dict[str, StaticTransform] = {}
     with Bag(path) as bag:
         packed = islice((one for one in bag.messages([TOPIC]) if one.type == _TYPE), MOST_MESSAGES)
-        for one in [one for message in packed for one in bag.read(message).transforms]:
-            if (transform := StaticTransform.of(one, Place(path))) is None:
-                why = f"the quaternion of `{one.child_frame_id}` is not of length 1"
-                raise bad_input("not-a-rotation", why, Place(path))
-            found[transform.child] = transform
+        stamped = (one for message in packed for one in bag.read(message).transforms)
+        found = {one.child: one for one in (StaticTransform.of(each, Place(path)) for each in stamped)}
     if not found:
         raise bad_input("missing-key", f"the recording has no static transforms on `{TOPIC}`", Place(path))
     return list(found.values())

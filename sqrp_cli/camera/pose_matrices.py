@@ -19,7 +19,7 @@ from sqrp_cli.camera.camera import CameraEntry
 from sqrp_cli.errors import Place, bad_input, expected_names, first_names
 from sqrp_cli.files.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.files.units import as_number
-from sqrp_cli.geometry import Array, inverse, pose, quaternion_to_matrix, read_only, rpy_to_matrix
+from sqrp_cli.geometry import Array, inverse, pose, quaternion_to_matrix, read_only, rpy_to_matrix, wrong_length
 
 _PAIR = re.compile(
     r"(.*?)(?:(r|rot|rotation|rotmat|rotationmatrix|rmat|rvec|rotvec|quat|quaternion|orientation|q)"
@@ -192,11 +192,11 @@ def _rotation(turn: Array, notation: str, place: Place) -> Array:
         return np.asarray(U @ V)  # the nearest one to rounded numbers
     if len(turn) != _ROTATIONS[kind]:
         raise bad_input("wrong-length", f"found {len(turn)} numbers, `{kind}` has {_ROTATIONS[kind]}", place)
-    length = float(np.linalg.norm(turn))
-    if len(turn) == 4 and abs(length - 1.0) > NEAR_ROTATION:
-        raise bad_input("not-a-rotation", f"the quaternion has length {length:.3g}, expected 1", place)
     if len(turn) == 4:
-        return quaternion_to_matrix(turn if kind == "xyzw" else turn[[1, 2, 3, 0]])
+        if why := wrong_length(turn := turn if kind == "xyzw" else turn[[1, 2, 3, 0]]):
+            raise bad_input("not-a-rotation", f"the quaternion {why}", place)
+        return quaternion_to_matrix(turn)
+    length = float(np.linalg.norm(turn))
     if not unit and length > 2 * np.pi * 3**0.5:
         mend = f"say `rotation: {kind} deg` if these are degrees"
         raise bad_input("wrong-value", f"found {np.abs(turn).max():g} rad, more than a turn", place, mend=mend)

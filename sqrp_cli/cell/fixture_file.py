@@ -17,7 +17,7 @@ from sqrp_cli.cell.worlds import Solid, Standing, read_mjcf, read_sdf, simplifie
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names
 from sqrp_cli.files.input_file import decoded
 from sqrp_cli.files.units import LARGEST_LENGTH, SMALLEST_SIZE, as_number
-from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, read_only
+from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, read_only, wrong_length
 from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import Box, Shape, shape_of
 
@@ -74,9 +74,8 @@ class _Lines:
 
     def pose(self) -> Array:
         position, quaternion = self.numbers(3), self.numbers(4, most=1.001)
-        length = float(np.linalg.norm(quaternion))
-        if abs(length - 1.0) > 0.01:
-            raise self.error(f"found a quaternion of length {length:.3g}, expected 1 (order x, y, z, w)", 1)
+        if why := wrong_length(quaternion):
+            raise self.error(f"the quaternion {why}", 1)
         return pose(quaternion_to_matrix(quaternion), position)
 
 

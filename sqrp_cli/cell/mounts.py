@@ -134,8 +134,7 @@ class MountEntry(FileRecord):
 
     def __post_init__(self) -> None:
         """Raises PydanticCustomError for keys that contradict each other."""
-        if sum(one is not None for one in (self.points, self.rail, self.grid)) != 1:
-            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `points`, `rail`, `grid`")
+        self.check_only_one("points", "rail", "grid")
         if self.frame != WORLD and self.aims is None:
             raise PydanticCustomError("ambiguous-entry", "a mount on a link needs `aims`: `fixed`, `at` or a `cone`")
         if self.frame != WORLD and self.aims is not None and self.aims.targets:

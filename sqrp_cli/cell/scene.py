@@ -32,7 +32,7 @@ from sqrp_cli.files.source import describe
 from sqrp_cli.files.units import SMALLEST_SIZE
 from sqrp_cli.geometry import Array, check_finite, check_poses, grasp_pose, inverse, pose, read_only
 from sqrp_cli.records import dataclass
-from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Sphere
+from sqrp_cli.shapes import FIGURES, Box, Convex, Part, Sphere, shape_of
 
 NO_SIZE = (0.0, 0.0, 0.0)  # the size of an object that is as large as its parts
 FLOOR_DEPTH = 0.7  # of the floor below the lowest fixed object: the height of a table [m]
@@ -181,23 +181,17 @@ class PartEntry(Entry):
 
     @model_validator(mode="after")
     def _one_shape(self) -> PartEntry:
-        shapes = ("box", "sphere", "cylinder", "capsule", "mesh")
-        if sum(getattr(self, shape) is not None for shape in shapes) != 1:
-            keys = ", ".join(f"`{shape}`" for shape in shapes)
-            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys {keys}", {"keys": keys})
+        self.check_only_one(*FIGURES, "mesh")
         if min(map(abs, self.scale)) < SMALLEST_SIZE:
             raise PydanticCustomError("wrong-value", "`scale` has a zero, which would flatten the mesh")
         return self
 
-    def shape(self) -> Box | Sphere | Cylinder | Capsule | None:
+    def shape(self) -> Convex | None:
         """Its shape; None for a mesh."""
-        if self.box is not None:
-            return Box(self.box)
-        if self.sphere is not None:
-            return Sphere(self.sphere)
-        if self.cylinder is not None:
-            return Cylinder(self.cylinder.radius, self.cylinder.length)
-        return None if self.capsule is None else Capsule(self.capsule.radius, self.capsule.length)
+        round_one = self.cylinder or self.capsule
+        if round_one is not None:
+            return shape_of("cylinder" if self.cylinder else "capsule", (round_one.radius, round_one.length))
+        return Box(self.box) if self.box is not None else None if self.sphere is None else Sphere(self.sphere)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
-from pydantic_core import PydanticCustomError
 
 from sqrp_cli.camera.camera import Camera, CameraEntry
 from sqrp_cli.camera.detector import Detector, DetectorEntry
@@ -40,7 +39,7 @@ from sqrp_cli.files.units import LARGEST, LENGTH, TIME
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.robot import Robot, RobotEntry
-from sqrp_cli.shapes import Mesh, Shape
+from sqrp_cli.shapes import Mesh, Part
 from sqrp_cli.skill.skill import Skill
 
 _NAME = r"[A-Za-z_][\w-]*"
@@ -74,8 +73,7 @@ class ExpectedTask(FileRecord):
 
     def __post_init__(self) -> None:
         """Join the steps as one text. Raises PydanticCustomError unless there is either a task or steps."""
-        if bool(self.task) == bool(self.steps):
-            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `task`, `steps`")
+        self.check_only_one("task", "steps")
         if self.steps:
             object.__setattr__(self, "task", " then ".join(self.steps))
 
@@ -227,16 +225,11 @@ class Workspace:
 
     def relocated(self, moved: Callable[[Path], Path]) -> Workspace:
         """The workspace with every file of `meshes` moved, for use on another machine."""
-        every = [*self.robot.parts, *(part for obj in self.objects.values() for part in obj.parts)]
-        meshes = {part.shape for part in every if isinstance(part.shape, Mesh)}
-        new: dict[Shape, Shape] = {mesh: replace(mesh, path=moved(mesh.path)) for mesh in meshes}
-        robot, *objects = (
-            tuple(replace(part, shape=new.get(part.shape, part.shape)) for part in parts)
-            for parts in (self.robot.parts, *(obj.parts for obj in self.objects.values()))
-        )
-        pairs = zip(self.objects.items(), objects, strict=True)
-        return replace(
-            self,
-            robot=replace(self.robot, parts=robot),
-            objects={name: replace(obj, parts=parts) for (name, obj), parts in pairs},
-        )
+
+        def there(part: Part) -> Part:
+            mesh = part.shape
+            return replace(part, shape=replace(mesh, path=moved(mesh.path))) if isinstance(mesh, Mesh) else part
+
+        robot = replace(self.robot, parts=tuple(map(there, self.robot.parts)))
+        objects = {name: replace(obj, parts=tuple(map(there, obj.parts))) for name, obj in self.objects.items()}
+        return replace(self, robot=robot, objects=objects)

@@ -31,13 +31,20 @@ from pydantic_core.core_schema import (
     plain_serializer_function_ser_schema,
 )
 
-from sqrp_cli.errors import expected_names
+from sqrp_cli.errors import expected_names, first_names
 from sqrp_cli.files import units
 from sqrp_cli.files.source import describe
-from sqrp_cli.geometry import Array, look_at, pose, quaternion_to_matrix, read_only, rpy_to_matrix
+from sqrp_cli.geometry import Array, look_at, pose, quaternion_to_matrix, read_only, rpy_to_matrix, wrong_length
 from sqrp_cli.records import dataclass
 
 Made = TypeVar("Made")
+_ONLY_ONE = "expected exactly one of the keys {}"
+
+
+def _check_only_one(entry: object, *keys: str) -> None:
+    """Raises PydanticCustomError unless exactly one of some keys of an entry is stated."""
+    if sum(getattr(entry, key) not in (None, "", ()) for key in keys) != 1:
+        raise refused("ambiguous-entry", _ONLY_ONE.format(first_names(keys)))
 
 
 class Entry(BaseModel):
@@ -47,6 +54,7 @@ class Entry(BaseModel):
     model_config = ConfigDict(
         extra="forbid", frozen=True, populate_by_name=False, arbitrary_types_allowed=True, defer_build=True
     )
+    check_only_one = _check_only_one
 
     @model_validator(mode="before")
     @classmethod
@@ -63,6 +71,7 @@ class FileRecord:
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+    check_only_one = _check_only_one
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:  # noqa: ANN401
@@ -169,11 +178,10 @@ def foreign(**fields: Any) -> Any:  # noqa: ANN401 - a class made at run time
 
 def one_of(*keys: str) -> Discriminator:
     """Chooses the entry of a union by its unique key; the entry's tag is that key in `<...>`."""
-    expected = "expected exactly one of the keys " + ", ".join(f"`{key}`" for key in keys)
     return Discriminator(
         lambda data: f"<{found[0]}>" if isinstance(data, dict) and len(found := [*data.keys() & keys]) == 1 else None,
         custom_error_type="ambiguous-entry",
-        custom_error_message=expected,
+        custom_error_message=_ONLY_ONE.format(first_names(keys)),
     )
 
 
@@ -313,10 +321,8 @@ class Pose(Entry):
     def _one_orientation(self) -> Pose:
         if self.quaternion is not None and self.rpy is not None:
             raise PydanticCustomError("conflicting-keys", "`quaternion` and `rpy` both give the orientation; keep one")
-        if self.quaternion is not None:
-            length = sum(value * value for value in self.quaternion) ** 0.5
-            if abs(length - 1.0) > 0.01:
-                raise refused("not-a-rotation", f"`quaternion` has length {length:.3g}, expected 1 (order x, y, z, w)")
+        if self.quaternion is not None and (why := wrong_length(self.quaternion)):
+            raise refused("not-a-rotation", f"`quaternion` {why}")
         return self
 
     def matrix(self) -> Array:

@@ -118,13 +118,9 @@ def meant_instead(value: object, dimension: Dimension | None, least: float, most
     value: as in the file; least, most: the range in SI units. None for text with a unit, which is unambiguous.
     """
     read = read_quantity(value)
-    if (
-        dimension is None
-        or dimension not in _OFTEN_MEANT
-        or read is None
-        or read.dimension is not None
-        or abs(read.value) <= most
-    ):
+    if dimension is None or dimension not in _OFTEN_MEANT:
+        return None
+    if read is None or read.dimension is not None or abs(read.value) <= most:
         return None
     unit, name = _OFTEN_MEANT[dimension]
     stated, meant = f"{read.value:g} {unit}", read.value * dimension.units[unit]

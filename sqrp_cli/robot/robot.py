@@ -15,7 +15,18 @@ from pydantic_core import PydanticCustomError
 
 from sqrp_cli.camera.markers import Marker as Marker
 from sqrp_cli.files import units
-from sqrp_cli.files.entries import AnyQuantity, DescriptionEntry, Entry, Extents, In, MappingOr, Pose, Size, Text
+from sqrp_cli.files.entries import (
+    AnyQuantity,
+    DescriptionEntry,
+    Entry,
+    Extents,
+    In,
+    MappingOr,
+    Pose,
+    Size,
+    Text,
+    refused,
+)
 from sqrp_cli.geometry import Array, check_poses
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.urdf import UrdfModel
@@ -234,15 +245,8 @@ class RobotEntry(Entry):
     @model_validator(mode="after")
     def _one_file_and_tool_frame(self) -> RobotEntry:
         if (self.urdf is None) == (self.mjcf is None):
-            found = "found neither" if self.urdf is None else "found both; keep one"
-            raise PydanticCustomError(
-                "missing-key" if self.urdf is None else "ambiguous-entry",
-                "expected `urdf` or `mjcf`, {found}",
-                {"found": found},
-            )
-        own = self.tool is not None and self.tool.frame is not None
-        if own and self.tool_frame is not None:
-            raise PydanticCustomError(
-                "conflicting-keys", "`tool_frame` and `tool.frame` both say what grasps; keep one"
-            )
+            code, found = ("missing-key", "neither") if self.urdf is None else ("ambiguous-entry", "both; keep one")
+            raise PydanticCustomError(code, "expected `urdf` or `mjcf`, found {found}", {"found": found})
+        if self.tool is not None and self.tool.frame is not None and self.tool_frame is not None:
+            raise refused("conflicting-keys", "`tool_frame` and `tool.frame` both say what grasps; keep one")
         return self

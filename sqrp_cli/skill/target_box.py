@@ -44,8 +44,7 @@ class BoxSpec(Entry):
 
     @model_validator(mode="after")
     def _consistent(self) -> BoxSpec:
-        if (self.fits is None) == (self.size is None):
-            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `fits`, `size`")
+        self.check_only_one("fits", "size")
         if self.fits is None and (self.at is not None or self.margin):
             raise PydanticCustomError("conflicting-keys", "`at` and `margin` go with `fits`, not with `size`")
         if self.at is None and self.fits is not None and self.frame == TOOL:

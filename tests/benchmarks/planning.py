@@ -73,5 +73,5 @@ def candidates(runs: int) -> None:
 
 def _planned(cell: Cell, candidate: Candidate, job: RankJob) -> Sequence[PlannedMotion] | Infeasible:
     """The ways of a candidate, of which nothing is known yet."""
-    inverse_kinematics._known.clear()
+    inverse_kinematics._kept_solutions.cache_clear()
     return Plans().of(cell, candidate, job.world, fastest=job.wanted.fastest)[1]

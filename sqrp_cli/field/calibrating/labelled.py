@@ -10,7 +10,6 @@ Detectors look at them, and what they say of each box is kept with how the camer
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import partial
@@ -31,7 +30,7 @@ from sqrp_cli.files.entries import from_fields
 from sqrp_cli.files.frames import frame_poses
 from sqrp_cli.files.source import describe
 from sqrp_cli.files.units import LARGEST, as_number
-from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, read_only
+from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, read_only, wrong_length
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.motion.cell import Cell
@@ -189,10 +188,8 @@ def read_labels(folder: Path, workspace: Workspace) -> Iterator[Label]:
                 message = f"`{name}` is {describe(texts[name])}, expected a number of at most {LARGEST:g} in size"
                 raise bad_input("wrong-value", message, place)
         x, y, z, *quaternion = (numbers[name] for name in _POSE)
-        length = math.hypot(*quaternion)
-        if abs(length - 1.0) > 0.01:
-            message = f"`qx` to `qw` have length {length:.3g}, expected 1 (order x, y, z, w)"
-            raise bad_input("not-a-rotation", message, place)
+        if why := wrong_length(quaternion):
+            raise bad_input("not-a-rotation", f"the quaternion of `qx` to `qw` {why}", place)
         if texts["there"] not in ("yes", "no", ""):
             raise bad_input("wrong-value", f"`there` is {describe(texts['there'])}, expected `yes` or `no`", place)
         for column, names in known:
@@ -203,7 +200,7 @@ def read_labels(folder: Path, workspace: Workspace) -> Iterator[Label]:
             camera=texts["camera"],
             file=file_in(folder, texts["file"], place),
             object=texts["object"],
-            X_WO=pose(quaternion_to_matrix(np.array(quaternion) / length), (x, y, z)),
+            X_WO=pose(quaternion_to_matrix(quaternion), (x, y, z)),
             velocity=np.array([numbers.get(name, 0.0) for name in _VELOCITY]),
             detector=texts["detector"] or None,
             there=texts["there"] != "no",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.hand_eye import StaticTransform
-from sqrp_cli.errors import Place, expected_names
+from sqrp_cli.errors import InputError, Place, expected_names
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.geometry import Array, inverse, pose
 from sqrp_cli.records import dataclass
@@ -74,8 +75,10 @@ def check_cell(cell: RosCell, start: Mapping[str, float]) -> list[CellCheck]:
         return [CellCheck("network", "senders", "none", "", f"nobody sends anything {cell.file.where}")]
     checks = [*_connections(cell), *_joints(cell, start, seen)]
     arrived = [one for inbox in tf for message, _ in inbox.take() for one in message.transforms]
-    found = [transform for one in arrived if (transform := StaticTransform.of(one, _ON_TF)) is not None]
-    transforms = {transform.child: transform for transform in found}
+    transforms = dict[str, StaticTransform]()
+    for one in arrived:
+        with suppress(InputError):  # what is no rotation is not used
+            transforms |= {(found := StaticTransform.of(one, _ON_TF)).child: found}
     for name, about in cameras.items():
         camera = cell.cameras[name]
         said = [message for message, _ in infos[name].take()] if name in infos else []
