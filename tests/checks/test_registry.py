@@ -45,7 +45,6 @@ OF_OTHERS = {SOURCE / "logic" / "unified_planner.py"}
 UNKNOWN = {
     "read_skill.py": ("skill-parameter", "waypoint", "predicate"),
     "moveit.py": ("link", "joint", "group"),
-    "check.py": ("skill", "object", "camera"),
     "load.py": ("frame", "object", "enclosed", "detector"),
     "labelled.py": ("detector", "camera", "object"),
 }
@@ -94,8 +93,6 @@ def test_codes_that_are_put_together_are_the_listed_ones():
     made = set()
     for path in files():
         firsts = [call.args[0] for call, name in calls(parsed(path)) if name in CALLS and call.args]
-        yielded = [node.value for node in ast.walk(parsed(path)) if isinstance(node, ast.Yield)]
-        firsts += [one.elts[0] for one in yielded if isinstance(one, ast.Tuple) and one.elts]  # flaws of programs
         begins = [one.values[0] for one in firsts if isinstance(one, ast.JoinedStr)]
         texts = [str(one.value) for one in begins if isinstance(one, ast.Constant)]
         made |= {(path.name, text) for text in texts if CODE.match(f"{text}x")}
