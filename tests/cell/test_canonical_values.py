@@ -16,7 +16,7 @@ from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.cell.workspace_file import read_workspace_document
 from sqrp_cli.files.source import dotted
-from sqrp_cli.files.yaml_edit import edited
+from sqrp_cli.files.yaml_edit import with_values
 from sqrp_cli.files.yaml_file import read_yaml
 from tests.cells import read_cases
 
@@ -95,7 +95,7 @@ def test_every_number_of_the_file_counts(before, path):
     document = read_workspace_document(CELL / "workspace.yaml")
     value, unit = re.fullmatch(r"(\S+)(.*)", str(document.leaves[path])).groups()
     more = int(value) + 1 if path.endswith((".marker", "width", "height")) else float(value) + 1e-3
-    text = edited(document, {dotted(tuple(path.split("."))): f"{more}{unit}"})
+    text = with_values(document, {dotted(tuple(path.split("."))): f"{more}{unit}"})
     assert sentences(before, load_workspace(CELL, text)) != ()
 
 
