@@ -1,13 +1,13 @@
 """Images in files and in messages of ROS, packed or pixel by pixel: written, and checked before they are decoded.
 
-The decoder writes of what is damaged past our messages, and does not say where it is. PNG: https://www.w3.org/TR/png-3/.
+Decoders say on the standard error what is damaged, and return what they can: what they say is caught. PNG:
+https://www.w3.org/TR/png-3/.
 """
 
 from __future__ import annotations
 
 import os
 import re
-import struct
 import zlib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -26,21 +26,21 @@ from sqrp_cli.run.image import ImageArray
 
 JPEG_QUALITY = 95
 """Of recorded images, of 100."""
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_HEADER = struct.Struct(">IIBBBBB")
+_SIGNATURE, _END = b"\x89PNG\r\n\x1a\n", b"\0\0\0\0IEND\xae\x42\x60\x82"
+"""How PNG files begin and end."""
 _HEADER_CHUNK = 25
 """Bytes of the first chunk: its length, its name, 13 of content, its checksum."""
-_NUMBERS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
-"""Numbers for each pixel, by the type of colour."""
-_PALETTE = 3
-"""The type of colour whose numbers are those of a palette."""
-_DEPTHS, _FILTERS = (1, 2, 4, 8, 16), 5
-_PIXELS = ("IHDR", "PLTE", "IDAT", "IEND")
 _BYTES_PER_PIXEL, _SPARE_BYTES = 8, 10_000_000
 """Largest size of an image file: so much for each pixel (four values of 16 bits), and so much for the rest."""
 _JPEG, _JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
-_PADDING = re.compile(r"Corrupt JPEG data: ([1-9]|1[0-6]) extraneous bytes before marker 0xd[0-79]")
-"""What is said where a camera fills up to a marker with a few bytes, as many do: nothing of the image is lost."""
+_DAMAGE = re.compile(
+    r"(?:libpng error: |libpng warning: (?=.*CRC error|IHDR|PLTE|IDAT|IEND)|grfmt_png\.cpp:\d+ \w+ )(.+)"
+    r"|^((?!Corrupt JPEG data: (?:[1-9]|1[0-6]) extraneous bytes before marker 0xd[0-79]).*JPEG.*)"
+)
+"""What decoders say of damage: of PNG all but warnings of what has no pixels, such as a profile that is too short.
+
+Many cameras fill JPEG up to a marker with a few bytes: nothing of the image is lost.
+"""
 _CONVERSIONS = {
     "rgb8": None,
     "bgr8": cv2.COLOR_BGR2RGB,
@@ -74,11 +74,15 @@ def encoded(image: ImageArray, kind: Literal["png", "jpeg"]) -> bytes:
     return bytes(content)
 
 
-def decoded(content: bytes) -> ImageArray | None:
-    """The image of an image file's content, in eight bits and without transparency; None if it is damaged."""
-    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    image = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
-    return None if image is None else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+def decoded(content: bytes) -> ImageArray | str:
+    """The image of a PNG or JPEG file in eight bits and without transparency; what is wrong with a damaged one."""
+    if content.startswith(_SIGNATURE) and not content.endswith(_END):
+        return "it does not end as PNG files do"
+    with _complaints() as said:
+        image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    for found in filter(None, map(_DAMAGE.search, said)):
+        return found[found.lastindex or 0]
+    return "it cannot be decoded" if image is None else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
 def read_png(path: Path, expected: PixelSize, camera: str) -> ImageArray:
@@ -98,11 +102,9 @@ def read_png(path: Path, expected: PixelSize, camera: str) -> ImageArray:
         raise bad_input("unreadable", "this PNG file is animated, expected one image", Place(path), mend=mend)
     if found != expected:
         raise bad_input("wrong-size", f"this image is {found.short}, {camera} has {expected.short}", Place(path))
-    damage, bare = bare_png(content)
-    image = None if damage else decoded(bare)
-    if image is None:
-        damage = damage or "it cannot be decoded"
-        raise bad_input("unreadable", f"this is no PNG file, or a damaged one: {damage}", Place(path))
+    image = decoded(content)
+    if isinstance(image, str):
+        raise bad_input("unreadable", f"this PNG file is damaged: {image}", Place(path))
     return image
 
 
@@ -115,54 +117,6 @@ def png_size(content: bytes) -> PixelSize | None:
     return PixelSize(int.from_bytes(chunk[8:12], "big"), int.from_bytes(chunk[12:16], "big"))
 
 
-def bare_png(content: bytes) -> tuple[str, bytes]:
-    """A PNG file with nothing but its pixels: of what else there may be, the decoder has much to say.
-
-    Before it what is wrong with the file, such as a damaged chunk, or other rows than its header promises: then the
-    second is empty; else the first.
-    """
-    if not content.startswith(_SIGNATURE):
-        return "it does not begin as PNG files do", b""
-    at, chunks = len(_SIGNATURE), list[tuple[str, bytes]]()
-    while at < len(content):
-        length, name = int.from_bytes(content[at : at + 4], "big"), content[at + 4 : at + 8]
-        kind, end = name.decode("ascii", errors="replace"), at + 12 + length
-        if not (name.isalpha() and end <= len(content)):
-            return f"the chunk at byte {at:,} is cut off or damaged", b""
-        data = content[at + 8 : end - 4]
-        if zlib.crc32(name + data) != int.from_bytes(content[end - 4 : end], "big"):
-            return f"the chunk `{kind}` at byte {at:,} does not fit its checksum", b""
-        chunks.append((kind, data))
-        at = end
-    first, header = chunks[0] if chunks else ("", b"")
-    if first != "IHDR" or len(header) != _HEADER.size:
-        return f"its first chunk is `{first}`, expected `IHDR` with {_HEADER.size} bytes", b""
-    width, height, depth, color, _, _, interlaced = _HEADER.unpack(header)
-    if color not in _NUMBERS or depth not in _DEPTHS:
-        return f"its header asks for colours of type {color} with {depth} bits, which PNG does not have", b""
-    if chunks[-1][0] != "IEND":
-        return "it ends without the chunk `IEND`", b""
-    if color == _PALETTE and all(kind != "PLTE" for kind, _ in chunks):
-        return "its colours are numbers of a palette (`PLTE`), which it does not have", b""
-    row = 1 + (width * _NUMBERS[color] * depth + 7) // 8
-    packed = b"".join(data for kind, data in chunks if kind == "IDAT")
-    try:
-        pixels = zlib.decompressobj().decompress(packed, row * height + 1)
-    except zlib.error as error:
-        return f"its image data (`IDAT`) cannot be unpacked: {error}", b""
-    if not interlaced:
-        if len(pixels) < row * height:
-            return f"it has {len(pixels) // row:,} rows, its header promises {height:,}", b""
-        if len(pixels) > row * height:
-            return f"it has more rows than the {height:,} that its header promises", b""
-        wrong = next((number for number, law in enumerate(pixels[::row], 1) if law >= _FILTERS), None)
-        if wrong is not None:
-            return f"row {wrong:,} is packed in a way that PNG does not have", b""
-    kept = ((kind.encode() + data, len(data)) for kind, data in chunks if kind in _PIXELS)
-    packed_again = (struct.pack(">I", size) + named + struct.pack(">I", zlib.crc32(named)) for named, size in kept)
-    return "", _SIGNATURE + b"".join(packed_again)
-
-
 def image_of(message: Message, camera: Camera, place: Place, where: str) -> ImageArray | str:
     """The image of a `sensor_msgs/CompressedImage` or `Image`; what is wrong if it is damaged, as one in thousands may.
 
@@ -173,23 +127,16 @@ def image_of(message: Message, camera: Camera, place: Place, where: str) -> Imag
     wrong_size = f"{named} is {{}}, the workspace says {expected.short}"
     if not hasattr(message, "encoding"):
         content = bytes(message.data)
-        is_png = content.startswith(b"\x89PNG")
-        size = png_size(content) if is_png else _jpeg_size(content)
+        size = png_size(content) if content.startswith(_SIGNATURE) else _jpeg_size(content)
         if size is None:
             what = f"as `{message.format}`" if message.format else "in a way that is not said"
             return f"{named}, packed {what}, is no whole JPEG or PNG"
         if size != expected:
             raise bad_input("wrong-size", wrong_size.format(size.short), place)
-        if is_png:
-            damage, bare = bare_png(content)
-            image = None if damage else decoded(bare)
-        else:
-            with _complaints() as said:
-                image = decoded(content)
-            damage = next((line for line in said if "JPEG" in line and not _PADDING.match(line)), "")
-        if damage or image is None or image.shape[:2] != (camera.height, camera.width):
-            return f"{named} is damaged: {damage or 'it cannot be decoded'}"
-        return image
+        image = decoded(content)
+        if isinstance(image, str):
+            return f"{named} is damaged: {image}"
+        return image if image.shape[:2] == (camera.height, camera.width) else f"{named} is damaged: it is not whole"
     encoding = message.encoding
     if encoding not in _CONVERSIONS:
         known = ", ".join(_CONVERSIONS)
