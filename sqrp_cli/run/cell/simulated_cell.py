@@ -257,11 +257,8 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
     def frames(self, cameras: Sequence[str]) -> Mapping[str, CameraImage]:
         """An image of each camera, taken now, by name in the order given."""
         assert self._drawing is not None, "a cell without a seed has no images"  # noqa: S101
-        pool, images = self._drawing
-        indices = [list(self._workspace.cameras).index(name) for name in cameras]
-        for _ in pool.map([(index, self.positions, self.t) for index in indices]):
-            pass
-        return {name: CameraImage(name, self.t, images[i].copy()) for name, i in zip(cameras, indices, strict=True)}
+        images = self._drawing.map([(name, self.positions, self.t) for name in cameras])
+        return {name: CameraImage(name, self.t, image) for name, image in zip(cameras, images, strict=True)}
 
     def measured_joints(self, t: float | None = None) -> Mapping[str, float]:  # noqa: ARG002 - it knows no other time
         """Position of every movable joint of robot and tool as its encoder says now [rad or m]."""
@@ -286,7 +283,7 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
     def __exit__(self, *_: object) -> None:
         """End the processes that draw."""
         if self._drawing is not None:
-            self._drawing[0].close()
+            self._drawing.close()
 
 
 def placed_objects(world: World) -> dict[str, Array]:

@@ -130,9 +130,9 @@ def test_processes_draw_what_one_process_draws() -> None:
     base = workspace("workspaces/tabletop")
     cameras = tuple(base.cameras.values())
     with drawing(tuple(base.objects.values()), cameras, 7, base=base) as renderer:
-        pool, drawn = start_drawing(renderer._model, cameras, 7)
+        pool = start_drawing(renderer._model, cameras, 7)
         for t in (0.0, 0.1):
-            list(pool.map([(index, renderer._data.qpos, t) for index in range(len(cameras))]))
+            drawn = pool.map([(eye.name, renderer._data.qpos, t) for eye in cameras])
             for eye, image in zip(cameras, drawn, strict=True):
                 assert np.array_equal(image, renderer.image(eye.name, t))
         pool.close()
