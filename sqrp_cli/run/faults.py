@@ -13,7 +13,7 @@ from sqrp_cli.errors import MOST_NAMES, InputError, bad_input, expected_names, n
 from sqrp_cli.files.units import TIME, expected_quantity, read_quantity
 from sqrp_cli.program.record import ProgramPrimitive, Step
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.monitor.step_monitor import Alarm, Attempt, predicted_delay
+from sqrp_cli.run.monitor.step_monitor import Alarm, Attempt
 from sqrp_cli.run.perception.streams import ImageStreams, Streams
 from sqrp_cli.run.record.events import EventPublisher
 from sqrp_cli.run.record.report import FaultRecord, Stopped
@@ -295,21 +295,17 @@ class FaultTracker:
         """Note if the formula of a fault is true at time tau [s] of the step; truths: of all atoms now."""
         if tau is None:
             return
-        for name, operators in ((watch.entry.fault, watch.operators) for watch in attempt.watches):
-            for one in operators if name is not None else ():
-                holds = all(truths[str(literal.atom)] == literal.positive for literal in one.literals)
-                if one.start <= tau <= one.end and holds:
-                    if (sight := attempt.step.sights.get(name or "")) is not None:
-                        delay = sight.latest(tau)
-                    else:
-                        atoms = [str(literal.atom) for literal in one.literals]
-                        responses = {name: camera.response for name, camera in self._streams.cameras.items()}
-                        delay = predicted_delay(attempt.step, atoms, responses, tau)
-                    for record in self.open:
-                        if record.happened is None:
-                            record.happened, record.predicted_delay = t, delay
-                            self._publisher.publish("happened", t, fault=record.name)
-                    return
+        watched = [
+            (watch.entry.fault, one) for watch in attempt.watches if watch.entry.fault for one in watch.operators
+        ]
+        for name, one in watched:
+            holds = all(truths[str(literal.atom)] == literal.positive for literal in one.literals)
+            if one.start <= tau <= one.end and holds:
+                sight = attempt.step.sights.get(name)  # programs of earlier versions lack it
+                for record in (record for record in self.open if record.happened is None):
+                    record.happened, record.predicted_delay = t, None if sight is None else sight.latest(tau)
+                    self._publisher.publish("happened", t, fault=record.name)
+                return
 
     def seen(self, alarm: Alarm, t: float) -> None:
         """The images showed a fault: the injected ones that are not seen yet, or one that was not injected."""

@@ -20,7 +20,7 @@ from sqrp_cli.run.faults import FaultTracker, InjectedFault
 from sqrp_cli.run.ground_truth import DIGITS, RATE, changes, logged_poses, step_began
 from sqrp_cli.run.monitor.nominal_step import in_boxes
 from sqrp_cli.run.monitor.step_monitor import Attempt
-from sqrp_cli.run.perception.detections import BelievedState, Detection, DetectionTargets, Evidence, FusedTruth, fuse
+from sqrp_cli.run.perception.detections import BelievedState, Detection, Evidence, FusedTruth, fuse
 from sqrp_cli.run.perception.streams import Streams
 from sqrp_cli.run.record.events import EventPublisher, ShownAtom
 from sqrp_cli.run.record.images import ImageRecorder
@@ -73,9 +73,7 @@ class EvidenceCollector:
     def watch(self, attempt: Attempt, number: int, t: float) -> None:
         """Look for the atoms of an attempt at the step with that number, in images from time t [s] on."""
         self._attempt, self._number = attempt, number
-        step = attempt.step
-        sought = DetectionTargets(dict(step.targets), step.before.X_WO, attempt.nominal.when_open)
-        self.streams.detectors.watch(sought)
+        self.streams.detectors.watch(attempt.nominal.sought)
         self.forget(t)
 
     def forget(self, t: float) -> None:

@@ -1,6 +1,6 @@
-"""Starts runs of a program: in a simulated cell, once or many times with a fault at other instants, or on a robot.
+"""Starts runs of a program in a simulated cell, once or many times with a fault at other instants.
 
-A robot is reached by messages, at the speed of the program or a share of it.
+And programs at a share of their speed, as robots run them.
 """
 
 from __future__ import annotations
@@ -10,12 +10,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.cell.workspace import Workspace, World
+from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.files.entries import Entry
 from sqrp_cli.logic.image_time import Onset, Window
 from sqrp_cli.program.record import Program, ProgramPrimitive, Replanner, Step
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.cell.ros_cell import RosCell
 from sqrp_cli.run.faults import InjectedFault
 from sqrp_cli.run.record.events import VERSION, Event, ProgramStep, event
 from sqrp_cli.run.record.report import FaultRecord, RunReport, SweptRun
@@ -92,29 +91,6 @@ def header(program: Program, workspace: Workspace, seed: int, faults: Sequence[I
         faults=[fault.text for fault in faults],
         steps=steps,
     )
-
-
-def run_on_robot(
-    program: Program,
-    workspace: Workspace,
-    cell: RosCell,
-    replanner: Replanner,
-    speed: float,
-    recording: Recording,
-    *,
-    moves: bool,
-) -> RunReport:
-    """Run a program in a cell behind topics; without moving, only look at its start.
-
-    program: at its speed already, which is a share of that at which `replanner` plans retries. Raises InputError where
-    images cannot be read.
-    """
-
-    def slower(step: Step, world: World) -> Step | None:
-        planned = replanner(step, world)
-        return None if planned is None else slowed(planned, speed)
-
-    return Run(program, workspace, cell, slower, recording=recording).run(moves=moves)
 
 
 _INTERVAL = re.compile(r"(?<=\[)[^\[\]]*(?=\])")

@@ -14,7 +14,7 @@ class FixedNominalStep:
     """An expectation with stated values: atoms that hold from a time on, and stretches in which they are covered."""
 
     def __init__(self, step: Step, changes: dict[str, list[tuple[float, bool]]]) -> None:
-        self.step, self._changes, self.when_open = step, changes, {}
+        self.step, self._changes, self.sought = step, changes, None
         self.times = np.arange(0.0, step.time + 0.02, 0.02).tolist()
 
     def holds(self, atom: str, start: float, end: float | None = None, *, value: bool = True) -> bool:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.run.image import CameraImage
 from sqrp_cli.run.lockstep import EvidenceCollector
-from sqrp_cli.run.monitor.step_monitor import PATIENCE, Alarm, Attempt, predicted_delay
+from sqrp_cli.run.monitor.step_monitor import PATIENCE, Alarm, Attempt
 from sqrp_cli.run.perception.detections import BoxDetection, Detection
 from sqrp_cli.run.perception.streams import ImageStreams
 from sqrp_cli.run.record.events import Event, EventPublisher
@@ -128,7 +128,9 @@ def test_a_fault_is_seen_when_a_brute_force_look_at_all_that_has_arrived_sees_it
     st.integers(1, 4),
     st.integers(50, 140).map(lambda hundredths: hundredths / 100 + 0.005),
 )
-def test_a_slip_that_all_cameras_see_counts_within_the_predicted_delay(late: list[int], needed: int, x: float) -> None:
+def test_a_slip_that_all_cameras_see_counts_when_as_many_images_of_it_as_needed_have_arrived(
+    late: list[int], needed: int, x: float
+) -> None:
     cameras = {f"cam{i}": (10.0, hundredths / 100) for i, hundredths in enumerate(late)}
     needed = min(needed, len(cameras))
     seen = {name: [(0.0, TOTAL)] for name in cameras}
@@ -136,11 +138,6 @@ def test_a_slip_that_all_cameras_see_counts_within_the_predicted_delay(late: lis
     taken = np.ceil(x * 10.0) / 10.0
     kth = sorted(latency for _, latency in cameras.values())[needed - 1]
     assert found == (pytest.approx(taken + kth), "fault")
-    entry = step([SLIP], {"held": seen}, TOTAL)
-    target = entry.targets["held"].model_copy(update={"cameras": needed})
-    responses = {name: 1.0 / rate + latency for name, (rate, latency) in cameras.items()}
-    predicted = predicted_delay(entry.model_copy(update={"targets": {"held": target}}), ["held"], responses, x)
-    assert found[0] - x <= predicted + 1e-6
 
 
 QUICK, SLOW = {"quick": (10.0, 0.05)}, {"slow": (10.0, 0.35)}

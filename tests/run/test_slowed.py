@@ -7,12 +7,11 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 
+from sqrp_cli.ask.api.program import late_replanner
 from sqrp_cli.logic.image_time import Onset, Window
 from sqrp_cli.motion.timing import MotionLimits, joint_move
 from sqrp_cli.program.record import Program, ProgramSight
-from sqrp_cli.run import start
-from sqrp_cli.run.run import Recording
-from sqrp_cli.run.start import run_on_robot, slowed
+from sqrp_cli.run.start import slowed
 from tests.run.steps import formula, played, step
 
 LIMITS = MotionLimits(np.array([0.2]), np.array([1.0]), np.array([10.0]))
@@ -54,11 +53,11 @@ def test_formulas_and_predictions_keep_to_the_motion() -> None:
 
 
 def test_a_whole_speed_changes_nothing_and_retries_are_slowed_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole, made = program().steps[0], MagicMock()
+    whole = program().steps[0]
     assert slowed(whole, 1.0) is whole
-    monkeypatch.setattr(start, "Run", made)
-    replanner = lambda _step, world: whole if world == "free" else None  # noqa: E731
-    run_on_robot(program(), MagicMock(), MagicMock(), replanner, 0.25, Recording(), moves=True)
-    slow = made.call_args.args[3]
+    monkeypatch.setattr("sqrp_cli.motion.cell.Cell.load", MagicMock())
+    replanned = lambda _cell, _step, world: whole if world == "free" else None  # noqa: E731
+    monkeypatch.setattr("sqrp_cli.study.program_update.replanned", replanned)
+    slow = late_replanner(MagicMock(), 0.25)
     assert slow(whole, "free").time == pytest.approx(4 * whole.time)
     assert slow(whole, "full") is None

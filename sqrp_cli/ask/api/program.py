@@ -432,17 +432,19 @@ class LoggedRun:
         return bad_input("no-log", message, Place(self.log), mend=mend)
 
 
-def late_replanner(workspace: Workspace) -> Callable[[Step, World], Step | None]:
-    """Plans a step again, see `replanned`; loads the cell and the planning code only when the first one is."""
+def late_replanner(workspace: Workspace, speed: float = 1.0) -> Callable[[Step, World], Step | None]:
+    """Plans a step again at a share of its speed, see `replanned`; loads what plans only then."""
     cell: Cell | None = None
 
     def replan(step: Step, world: World) -> Step | None:
         from sqrp_cli.motion.cell import Cell
+        from sqrp_cli.run.start import slowed
         from sqrp_cli.study.program_update import replanned
 
         nonlocal cell
         cell = cell or Cell.load(workspace)
-        return replanned(cell, step, world)
+        planned = replanned(cell, step, world)
+        return None if planned is None else slowed(planned, speed)
 
     return replan
 

@@ -201,7 +201,8 @@ def _run_on_robot(
     check_packages()
     from sqrp_cli.ros.dds import DdsTransport
     from sqrp_cli.run.cell.ros_cell import RosCell
-    from sqrp_cli.run.start import run_on_robot, slowed
+    from sqrp_cli.run.run import Run
+    from sqrp_cli.run.start import slowed
 
     file, program = read_robot_file(robot, opened.workspace, opened.program), opened.program
     joints = file.joints or {name: name for name in program.joints}  # by name in the program, those in messages
@@ -221,9 +222,9 @@ def _run_on_robot(
             if said.lower() not in ("y", "yes"):
                 raise bad_input("not-agreed", "nobody agreed that the robot moves", mend="answer y, or give --yes")
         with _shown_live(opened, as_json=as_json, stopped="; the robot is told to stop") as listeners:
-            replanner = late_replanner(opened.workspace)
-            perform = partial(run_on_robot, opened.program, opened.workspace, cell, replanner, speed, moves=moves)
-            return opened.run_into(ask.but(listeners=listeners, witnessed=moves), elsewhere=perform)
+            made = partial(Run, opened.program, opened.workspace, cell, late_replanner(opened.workspace, speed))
+            kept = ask.but(listeners=listeners, witnessed=moves)
+            return opened.run_into(kept, elsewhere=lambda recording: made(recording=recording).run(moves=moves))
 
 
 def check_cell(cell: RosCell, start: Mapping[str, float], robot: Path, *, as_json: bool) -> None:

@@ -19,7 +19,7 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Step
 from sqrp_cli.run.monitor.nominal_step import NominalStep
 from sqrp_cli.run.monitor.step_monitor import Attempt, PredictionCheck
-from sqrp_cli.run.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
+from sqrp_cli.run.perception.detections import BelievedState, CellModel, Detection
 from sqrp_cli.run.perception.image_detector import DetectorPool
 from sqrp_cli.run.record.report import Stopped
 from sqrp_cli.run.robot_body import RobotBody
@@ -51,7 +51,7 @@ def audit(
     with DetectorPool(CellModel.of(workspace, robot)) as pool:
         for index, step in enumerate(program.steps):
             nominal = NominalStep(step, program.joints, robot)
-            pool.watch(DetectionTargets(dict(step.targets), step.before.X_WO, nominal.when_open))
+            pool.watch(nominal.sought)
             frames, found = frames_of(footage, index, step, offsets), list[tuple[float, Detection]]()
             believed = partial(believed_in, step, footage.starts[index], nominal, footage)
             for frame, detection in detected(pool, footage.path, footage.images, frames, believed):

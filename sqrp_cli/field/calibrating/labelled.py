@@ -105,8 +105,7 @@ def of_program(program: Program, workspace: Workspace, footage: Footage) -> Iter
             here = {"believed": believed(t), "opens": opens, "closes": closes}
             images.append(LabelledImage(frame=frame, holds=holds, pose=first + int(t / SAME_POSE), **here))
         first += int(step.time / SAME_POSE) + 1
-        sought = DetectionTargets(dict(step.targets), step.before.X_WO, nominal.when_open)
-        yield LabelledImages(footage.path, footage.images, sought, images)
+        yield LabelledImages(footage.path, footage.images, nominal.sought, images)
 
 
 def of_labels(workspace: Workspace, folder: Path) -> Iterator[LabelledImages]:

@@ -11,6 +11,7 @@ from sqrp_cli.files.frames import carried_poses, frame_poses
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.program.record import ProgramTarget, Step
+from sqrp_cli.run.perception.detections import DetectionTargets
 from sqrp_cli.run.robot_body import RobotBody
 from sqrp_cli.skill.target_box import object_of
 
@@ -89,6 +90,11 @@ class NominalStep:
             for atom, target in step.targets.items():
                 inside = in_boxes(atom, target, now_X_WL, now_X_WO, before.X_WO, held[i])
                 self._holds[atom][i] = self.when_open[atom] == (held[i] is None) if inside is None else inside
+
+    @property
+    def sought(self) -> DetectionTargets:
+        """What to look for in images of the step."""
+        return DetectionTargets(dict(self.step.targets), self.step.before.X_WO, self.when_open)
 
     def holds(self, atom: str, start: float, end: float | None = None, *, value: bool = True) -> bool:
         """Whether an atom has a value at a time of the step, or at all times from that to an end [s]."""

@@ -330,22 +330,3 @@ class PredictionCheck:
                         usual=usual,
                     )
                 )
-
-
-def predicted_delay(step: Step, atoms: Collection[str], responses: Mapping[str, float], x: float) -> float | None:
-    """Time from a fault at time x [s] of a step until it is seen; None if it never is.
-
-    atoms: that decide the fault; responses: of each camera [s]. First all atoms must be covered at once, then comes one
-    frame period and the latency of the k-th fastest camera of the slowest atom.
-    """
-    edges = sorted({x, *(start for atom in atoms for s in step.targets[atom].seen.values() for start, _ in s)})
-    for t in (edge for edge in edges if edge >= x):
-        slowest = 0.0
-        for target in (step.targets[atom] for atom in atoms):
-            covering = [name for name, spans in target.seen.items() if any(a <= t <= b for a, b in spans)]
-            if len(covering) < target.cameras:
-                break
-            slowest = max(slowest, sorted(responses[name] for name in covering)[target.cameras - 1])
-        else:
-            return t - x + slowest
-    return None

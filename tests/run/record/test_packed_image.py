@@ -78,7 +78,9 @@ def test_damage_is_found_in_whichever_byte_it_is_and_wherever_a_file_is_cut_off(
     [(b"", 2, "Not enough"), (bytes(2 * 7), 2, "Not enough"), (bytes(4 * 7), 2, "Too much"),
      (bytes(7) + b"\x05" + bytes(13), 2, "filter"), (bytes(3 * 3), 3, "Missing PLTE")],
 )  # fmt: skip
-def test_rows_that_are_missing_or_wrong_are_told_in_the_words_of_the_decoder(rows: bytes, color: int, says: str) -> None:
+def test_rows_that_are_missing_or_wrong_are_told_in_the_words_of_the_decoder(
+    rows: bytes, color: int, says: str
+) -> None:
     assert says in (damage(png(2, 3, zlib.compress(rows), color=color)) or "")
 
 
