@@ -14,8 +14,10 @@ from sqrp_cli.figures import Qualities
 from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
+from sqrp_cli.show.documents.analysis_shown import verdict_shown
 from sqrp_cli.show.documents.explanation import Verdict
 from sqrp_cli.sight.limits import Cause
+from sqrp_cli.sight.observer import first_failing
 from sqrp_cli.study.observation import observation_of
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import FixedStep, first_samples
@@ -84,7 +86,17 @@ class Sketch(SampledMotion):
         atoms = {}
         for column, (target, boxes) in enumerate(zip(targets, matrix, strict=True)):
             covered = np.where(self.required[:, column], observation.covered[:, column], _UNASKED).tolist()
-            rows = _rows(cell, boxes, [box.name for box in target.boxes], table)
+            called = [box.name if len(boxes) > 1 else None for box in target.boxes]
+            # Each different verdict once, by one number of all that makes it: columns are sorted ten times as slowly.
+            first, box_of = first_failing(boxes, np.arange(len(self.samples)))
+            by = np.where(first.cause == Cause.NONE, 0, first.by).astype(np.int64)
+            keys = (first.cause * (by.max(initial=0) + 2) + by + 1) * len(boxes) + box_of
+            _, at, place = np.unique(keys, return_index=True, return_inverse=True)
+            indices = []
+            for row, eye in zip(*(one.tolist() for one in np.unravel_index(at, keys.shape)), strict=True):
+                verdict = verdict_shown(cell.observer, first, row, eye, called[box_of[row, eye]])
+                indices.append(table.setdefault(verdict, len(table)))
+            rows = np.array(indices)[place.reshape(keys.shape)].T.tolist()
             atoms[str(target.atom)] = {"covered": covered, "cameras": dict(zip(names, rows, strict=True))}
         qualities, lost = qualities_over(timeline), observation.blind
         return CoverageShown(
@@ -127,29 +139,3 @@ def joined(sketches: Sequence[Sketch], parts: Sequence[CoverageShown]) -> Covera
         q_eoi=mean_quality([(part.q_eoi, planned.T_eoi) for part, planned in zip(parts, motions, strict=True)]),
         blind=sum(part.blind for part in parts),
     )
-
-
-def _rows(cell: Cell, boxes: Sequence[BoxVerdicts], names: Sequence[str], table: dict[Verdict, int]) -> list[list[int]]:
-    """For each camera, the index of its verdict on all boxes in each state; new verdicts are added to the table."""
-    cause, by = boxes[0].cause.astype(np.int64), boxes[0].by.astype(np.int64)
-    number = np.zeros(cause.shape, dtype=np.int64)
-    for index, box in enumerate(boxes[1:], 1):
-        first = (cause == Cause.NONE) & (box.cause != Cause.NONE)
-        cause, by, number = (
-            np.where(first, new, old) for new, old in ((box.cause, cause), (box.by, by), (index, number))
-        )
-    by = np.where(cause == Cause.NONE, 0, by)
-    # One number of all three, in their order: columns are sorted some ten times as slowly.
-    keys = ((cause * (by.max(initial=0) + 2) + by + 1) * len(boxes) + number).reshape(-1)
-    _, at, place = np.unique(keys, return_index=True, return_inverse=True)
-    indices = []
-    for of_cause, of_by, of_box in zip(*(one.reshape(-1)[at].tolist() for one in (cause, by, number)), strict=True):
-        why = Cause(of_cause)
-        seen = why is Cause.NONE
-        box_name = None if seen or len(boxes) == 1 else names[of_box]
-        verdict = Verdict(
-            covered=seen, cause=why.label, by=None if seen else cell.observer.by_name(why, of_by), box=box_name
-        )
-        indices.append(table.setdefault(verdict, len(table)))
-    found: list[list[int]] = np.array(indices)[place.reshape(cause.shape)].T.tolist()
-    return found

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
+
+import numpy as np
 
 from sqrp_cli.camera.detector import COEFFICIENTS
 from sqrp_cli.checks.lint import assumptions
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.geometry import Array, box_corners, finite_or_none, transform
+from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.show.documents.explanation import (
     BoxCoverage,
@@ -27,6 +30,7 @@ from sqrp_cli.show.documents.explanation import (
     Verdict,
 )
 from sqrp_cli.sight.limits import Cause
+from sqrp_cli.sight.observer import Observer, first_failing
 from sqrp_cli.skill.target_box import fact_words
 from sqrp_cli.study.analysis import Analysis
 from sqrp_cli.study.blind_spans import cause_totals, coverage_by_phase
@@ -147,48 +151,45 @@ def _coverage(
     target, observation = analysis.planned.targets[column], analysis.timeline.observation
     matrix, names = observation.full_matrix[column], [camera.name for camera in cell.observer.cameras]
     corners = [transform(X_WF[box.frame] @ box.X_FB, box_corners(box.size)) for box in target.boxes]
+    covered = observation.covered[:, column].tolist()
+    first, box_of = first_failing(matrix, np.arange(len(covered)))
+    called = [box.name if len(target.boxes) > 1 else None for box in target.boxes]
 
     def verdict(number: int, row: int, camera: int) -> BoxVerdict:
         """Of a camera on a box: why not, and what the curve of the box's detector says, where it has one."""
-        boxes = matrix[number]
-        cause, visible = Cause(int(boxes.cause[row, camera])), float(boxes.visible[row, camera])
-        found = None if expected is None else expected.boxes[column][number]
-        sight = None
+        found, sight = None if expected is None else expected.boxes[column][number], None
         if found is not None and found.sights is not None:
             values = dict(zip(COEFFICIENTS, map(finite_or_none, found.sights[:, row, camera]), strict=True))
             sight = BoxSight(probability=float(found.probability[row, camera]), **values)
-        parts = None if views is None else views[column][number].get((row, camera))
         return BoxVerdict(
-            covered=cause is Cause.NONE,
-            cause=cause.label,
-            by=cell.observer.by_name(cause, int(boxes.by[row, camera])),
-            visible=finite_or_none(visible),
-            hidden_by=parts,
+            **vars(verdict_shown(cell.observer, matrix[number], row, camera)),
+            visible=finite_or_none(float(matrix[number].visible[row, camera])),
+            hidden_by=None if views is None else views[column][number].get((row, camera)),
             sight=sight,
         )
 
-    def first_failure(verdicts: Sequence[BoxVerdict]) -> Verdict:
-        number = next((number for number, one in enumerate(verdicts) if not one.covered), None)
-        if number is None:
-            return Verdict(covered=True, cause=None, by=None)
-        box = target.boxes[number].name if len(verdicts) > 1 else None
-        return Verdict(covered=False, cause=verdicts[number].cause, by=verdicts[number].by, box=box)
+    def boxes(row: int) -> Iterator[BoxCoverage]:
+        for number, points in enumerate(corners):
+            cameras = {name: verdict(number, row, index) for index, name in enumerate(names)}
+            yield BoxCoverage(corners=points[row if len(points) > 1 else 0].tolist(), cameras=cameras)
 
-    found = []
-    for row, covered in enumerate(observation.covered[:, column].tolist()):
-        of_boxes = [
-            {name: verdict(number, row, index) for index, name in enumerate(names)} for number in range(len(matrix))
-        ]
-        found.append(
-            LiteralCoverage(
-                covered=covered,
-                boxes=[
-                    BoxCoverage(corners=points[row if len(points) > 1 else 0].tolist(), cameras=cameras)
-                    for points, cameras in zip(corners, of_boxes, strict=True)
-                    if views is not None
-                ],
-                cameras={name: first_failure([cameras[name] for cameras in of_boxes]) for name in names},
-                expected=None if expected is None else float(expected.targets[row, column]),
-            )
+    return [
+        LiteralCoverage(
+            covered=is_covered,
+            boxes=[] if views is None else list(boxes(row)),
+            cameras={
+                name: verdict_shown(cell.observer, first, row, index, called[box_of[row, index]])
+                for index, name in enumerate(names)
+            },
+            expected=None if expected is None else float(expected.targets[row, column]),
         )
-    return found
+        for row, is_covered in enumerate(covered)
+    ]
+
+
+def verdict_shown(observer: Observer, found: BoxVerdicts, row: int, camera: int, box: str | None = None) -> Verdict:
+    """The verdict of a camera in one row of those on a box. box: its name, if it is one of several of a target."""
+    cause = Cause(int(found.cause[row, camera]))
+    if cause is Cause.NONE:
+        return Verdict(covered=True, cause=None, by=None)
+    return Verdict(covered=False, cause=cause.label, by=observer.by_name(cause, int(found.by[row, camera])), box=box)

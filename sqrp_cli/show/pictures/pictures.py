@@ -18,6 +18,7 @@ from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.geometry import box_corners, inverse, transform
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.files import make_folder, write_atomically
+from sqrp_cli.show.documents.analysis_shown import verdict_shown
 from sqrp_cli.show.pages.assembly import COVERED, CULPRIT, HIDDEN, solid_colors
 from sqrp_cli.show.pictures import drawing
 from sqrp_cli.show.pictures.camera_image import Photographer, check_rays
@@ -116,12 +117,11 @@ def _picture(
         if not observation.required[row, column]:
             continue
         first, box_of = first_failing(boxes, [row])
-        cause, by, number = (int(one[0, index]) for one in (first.cause, first.by, box_of))
-        why = "covered"
-        if cause != Cause.NONE:
-            which = f"box {target.boxes[number].name} is " if len(target.boxes) > 1 else ""
-            why = which + Cause(cause).by(cell.observer.by_name(Cause(cause), by))
-        captions.append((f"{target.atom}: {why}", COVERED if why == "covered" else HIDDEN))
+        number = int(box_of[0, index])
+        failing = verdict_shown(cell.observer, first, 0, index, target.boxes[number].name)
+        which = f"box {failing.box} is " if failing.box is not None and len(target.boxes) > 1 else ""
+        why, color = ("covered", COVERED) if failing.covered else (f"{which}{failing.words}", HIDDEN)
+        captions.append((f"{target.atom}: {why}", color))
         if parts := views[column][number].get((row, index)):
             hidden = sum(part.share for part in parts)
             captions.append((f"hidden {100 * hidden:.1f} %: {part_shares_in_words(parts)}", None))
@@ -129,11 +129,9 @@ def _picture(
             corners = transform(X_CW @ states.box_poses(box)[0], box_corners(box.size))
             covered = verdicts.cause[row, index] == Cause.NONE
             outlines.append((corners, COVERED if covered else HIDDEN))
-        if cause in (Cause.HIDDEN, Cause.SAME_COLOUR):
-            culprit = cell.observer.solids[by].name
-            colors = [
-                CULPRIT if cell.observer.solids[solid].name == culprit else color for solid, color in enumerate(colors)
-            ]
+        if failing.limit in (Cause.HIDDEN, Cause.SAME_COLOUR):
+            solids = zip(cell.observer.solids, colors, strict=True)
+            colors = [CULPRIT if solid.name == failing.by else color for solid, color in solids]
     return drawing.outlined(photographer.image(camera, colors), Projection(camera), outlines, captions)
 
 

@@ -74,7 +74,7 @@ class Runs {
   }
 
   event({ t, text, kind }) {
-    const row = make('li', { class: kind }, ...(t === null ? [] : [make('b', {}, seconds(t)), ' ']), named(text));
+    const row = make('li', { class: kind }, ...(t === null ? [] : [make('b', {}, seconds(t)), ' ']), prose(text));
     byId('run-events').append(row);
     byId('run-events').scrollTop = 1e6;
   }

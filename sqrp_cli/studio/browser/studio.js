@@ -310,7 +310,7 @@ class Studio extends Page {
     this.progress = '';
     this.detailShown = false;
     if (this.wrong) this.notice([], 'told');
-    byId('summary').replaceChildren(named(summary));
+    byId('summary').replaceChildren(prose(summary));
     this.entries = this.overview.entries = entries;
     for (const entry of entries) entry.was = this.saved.get(entry.name);
     this.tabulate();
@@ -357,8 +357,8 @@ class Studio extends Page {
     const entry = this.entries[i];
     byId('name').textContent = entry.name;
     byId('place').textContent = placeOf(entry);
-    byId('verdict').replaceChildren(named(toldOf(entry)));
-    byId('reasons').replaceChildren(...entry.reasons.map((reason) => make('li', {}, named(reason))));
+    byId('verdict').replaceChildren(prose(toldOf(entry)));
+    byId('reasons').replaceChildren(...entry.reasons.map((reason) => make('li', {}, prose(reason))));
     this.figures(entry);
     this.age();
     return Promise.resolve();
@@ -402,7 +402,7 @@ class Studio extends Page {
 
   on_sketch({ number, seen, was, track, reasons }) {
     if (number === this.asked) this.answered = number;
-    if (reasons) byId('verdict').replaceChildren(named(reasons[0]));
+    if (reasons) byId('verdict').replaceChildren(prose(reasons[0]));
     else if (seen && this.motion) this.sketch(seen, was, track);
     if (this.since !== undefined) {
       this.latencies.push(performance.now() - this.since);
@@ -481,7 +481,7 @@ class Studio extends Page {
   // What takes longer
 
   on_searching({ text }) {
-    byId('searching').replaceChildren(named(text));
+    byId('searching').replaceChildren(prose(text));
     byId('stop-search').hidden = false;
   }
 
@@ -497,12 +497,12 @@ class Studio extends Page {
       make(
         'li',
         {},
-        make('span', {}, named(change.words)),
-        make('span', { class: 'faint' }, named(told(change).join(', '))),
+        make('span', {}, prose(change.words)),
+        make('span', { class: 'faint' }, prose(told(change).join(', '))),
         make('button', { type: 'button', onclick: () => apply(i) }, 'Apply'),
       );
-    const others = unwritten.map((words) => make('li', { class: 'faint' }, named(words)));
-    const heading = make('p', {}, named(title));
+    const others = unwritten.map((words) => make('li', { class: 'faint' }, prose(words)));
+    const heading = make('p', {}, prose(title));
     this.offered = this.state.number;
     byId('offers').replaceChildren(heading, make('ol', {}, ...changes.map(offer), ...others));
     this.age();
@@ -569,7 +569,7 @@ class Studio extends Page {
 
   notice(texts, kind) {
     this.wrong = this.refusal = false;
-    byId('notices').replaceChildren(...texts.map((text) => make('p', { class: kind }, named(text))));
+    byId('notices').replaceChildren(...texts.map((text) => make('p', { class: kind }, prose(text))));
   }
 }
 

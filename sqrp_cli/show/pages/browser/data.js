@@ -22,6 +22,11 @@ function make(tag, attributes = {}, ...children) {
 // A name from a file: isolated, so that right-to-left text in it leaves what is around it alone.
 const named = (text) => make('bdi', {}, text);
 
+// A sentence: what stands between backticks in a text is a name, or something to type, and is shown as code.
+const TYPED = /`([^`]+)`/;
+const prose = (text) => make('bdi', {}, ...text.split(TYPED).map((part, i) => (i % 2 ? make('code', {}, part) : part)));
+const spoken = (text) => text.split(TYPED).join('');
+
 const absent = (value) => value === null || value === undefined;
 const percent = (share) => (absent(share) ? '–' : (100 * share).toFixed(1) + ' %');
 const fixed = (value, digits) => (+value.toFixed(digits) + 0).toFixed(digits); // no -0.00

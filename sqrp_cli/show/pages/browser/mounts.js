@@ -94,7 +94,7 @@ function showPlacement({ by, cameras, keep, mounts }, look) {
     ['loss if it fails', `by how much the ${by} share falls without it`],
     ...(keep.length ? [['kept', `${keep.join(', ')}, as in the workspace`]] : []),
   ];
-  for (const [term, words] of terms) byId('cameras-words').append(make('dt', {}, term), make('dd', {}, named(words)));
+  for (const [term, words] of terms) byId('cameras-words').append(make('dt', {}, term), make('dd', {}, prose(words)));
   const shut = mounts.some(({ seen }) => seen === null);
   byId('mounts-words').append(
     make('span', {}, 'seen on average with one camera only, at a mount: 0 %', make('i', { class: 'ramp' }), '100 %'),

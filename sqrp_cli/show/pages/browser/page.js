@@ -17,10 +17,10 @@ class Page {
 
   head() {
     byId('title').replaceChildren(named(this.overview.title));
-    byId('summary').replaceChildren(named(this.overview.summary));
+    byId('summary').replaceChildren(prose(this.overview.summary));
     byId('ranking-title').textContent = this.overview.heading;
     for (const [term, value] of this.overview.about)
-      byId('about').append(make('dt', {}, named(term)), make('dd', {}, named(value)));
+      byId('about').append(make('dt', {}, named(term)), make('dd', {}, term === 'command' ? named(value) : prose(value)));
     const compared = this.entries.some((e) => e.candidate || e.reasons.length);
     document.querySelector('.overview').hidden = this.overview.of_images || !compared;
     document.body.classList.toggle('ran', this.overview.of_images);
@@ -113,10 +113,10 @@ class Page {
       told = toldOf(entry);
     byId('name').textContent = name;
     byId('place').textContent = placeOf(entry);
-    byId('verdict').replaceChildren(named(told));
-    byId('reasons').replaceChildren(...reasons.map((reason) => make('li', {}, named(reason))));
+    byId('verdict').replaceChildren(prose(told));
+    byId('reasons').replaceChildren(...reasons.map((reason) => make('li', {}, prose(reason))));
     byId('study').hidden = !entry.moves;
-    byId('spoken').textContent = `${name}: ${[...(told ? [told] : []), ...reasons].join('; ')}`;
+    byId('spoken').textContent = `${name}: ${spoken([...(told ? [told] : []), ...reasons].join('; '))}`;
     this.motion = null;
     if (!entry.moves) return;
     byId('study').classList.toggle('flat', entry.scene === null);
@@ -176,7 +176,7 @@ class Page {
     const heads = [term('fault'), term('noticed after'), term('at the latest'), term('longest time unseen')];
     if (again) heads.push(term('done after a retry'));
     const cells = ([name, fault]) => [
-      named(candidate.happens[name] ?? name),
+      prose(candidate.happens[name] ?? name),
       ...[fault.delay_mean, fault.delay_worst, fault.blind_longest].map((t) => stated(t ?? Infinity, seconds(t ?? Infinity))),
       ...(again ? [retried.includes(name) ? seconds(fault.expected_time ?? Infinity, 1) : '–'] : []),
     ];
@@ -197,7 +197,7 @@ class Page {
           make('button', { type: 'button', onclick: go, 'aria-label': `Go to step ${name}` }, named(name)),
           make('span', {}, `critical time seen ${percent(qEoi)}, time seen ${percent(qAvg)}, takes ${seconds(end - start)}`),
           ...(worst ? [make('b', {}, 'seen worst')] : []),
-          make('span', { class: 'faint' }, named(verdict)),
+          make('span', { class: 'faint' }, prose(verdict)),
         );
       }),
     );
@@ -205,10 +205,10 @@ class Page {
 
   // Times of a run to go to, and what is shown of it.
   moments({ moments = [], note = '' }) {
-    byId('note').replaceChildren(...(note ? [named(note)] : []));
+    byId('note').replaceChildren(...(note ? [prose(note)] : []));
     this.moment = moments.map(({ t, text }) => [
       t,
-      make('button', { type: 'button', onclick: () => this.go(t) }, make('b', {}, seconds(t)), ' ', named(text)),
+      make('button', { type: 'button', onclick: () => this.go(t) }, make('b', {}, seconds(t)), ' ', prose(text)),
     ]);
     byId('moments').replaceChildren(...this.moment.map(([, button]) => button));
   }

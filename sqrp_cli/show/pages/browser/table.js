@@ -87,7 +87,7 @@ class EntryTable {
     const who = {
       title: 'worst fault',
       value: (e) => of(e)[0]?.[0] ?? null,
-      cell: (e) => named(of(e).map(([name]) => e.candidate.happens[name] ?? name)[0] ?? '–'),
+      cell: (e) => prose(of(e).map(([name]) => e.candidate.happens[name] ?? name)[0] ?? '–'),
       means: 'fault',
     };
     return [
@@ -114,7 +114,7 @@ class EntryTable {
     const cells = shown.map((column) => make('td', { class: column.number ? 'number' : null }, column.cell(e, i)));
     if (shown !== this.columns)
       cells.push(
-        make('td', { class: 'faint', colspan: this.columns.length - this.telling }, named(e.reasons.length ? `cannot be done: ${e.reasons[0]}` : '')),
+        make('td', { class: 'faint', colspan: this.columns.length - this.telling }, prose(e.reasons.length ? `cannot be done: ${e.reasons[0]}` : '')),
       );
     return cells;
   }
