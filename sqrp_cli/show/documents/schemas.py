@@ -54,8 +54,7 @@ def schema_of(name: str) -> dict[str, Any]:
     Raises InputError for other names.
     """
     if name in FILES:
-        # JSON Schema (2020-12) of the files of that name, one of `FILES`.
-        schema = FILES[name].model_json_schema(schema_generator=_Generator)
+        schema = FILES[name].model_json_schema(schema_generator=_Described)
         for called, definition in schema["$defs"].items():
             definition["title"] = called
         return {"$schema": DIALECT, **schema}
@@ -66,7 +65,13 @@ def schema_of(name: str) -> dict[str, Any]:
 
 
 class _Described(GenerateJsonSchema):
-    """Describes inherited fields too; Pydantic takes only the texts under the fields of a class itself."""
+    """Describes inherited fields too; Pydantic takes only the texts under the fields of a class itself.
+
+    Records of files have the names in `_RECORD_NAMES`.
+    """
+
+    def normalize_name(self, name: str) -> str:
+        return super().normalize_name(_RECORD_NAMES.get(name, name) if self.mode == "validation" else name)
 
     def dataclass_schema(self, schema: DataclassSchema) -> JsonSchemaValue:
         return _described(super().dataclass_schema(schema), schema["cls"])
@@ -102,11 +107,3 @@ def _texts(record: type) -> Mapping[str, str]:
         if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
         if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
     }
-
-
-class _Generator(_Described):
-    """Uses the names that schemas have for records."""
-
-    def normalize_name(self, name: str) -> str:
-        """The name of a definition, from that of its class."""
-        return super().normalize_name(_RECORD_NAMES.get(name, name))

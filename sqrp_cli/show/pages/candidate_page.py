@@ -26,7 +26,7 @@ from sqrp_cli.show.pages.assembly import (
     solid_colors,
     write_page,
 )
-from sqrp_cli.study.pipeline import Explained, RankJob
+from sqrp_cli.study.pipeline import Explained, RankJob, sampling_done
 from sqrp_cli.study.result import CandidateResult, Ranking
 from sqrp_cli.version import __version__
 
@@ -50,13 +50,11 @@ def write_ranking(
     details = computed(
         lambda one: packed_playback(job, job.explain(one)), candidates, min(jobs, len(candidates) // 2), progress
     )
-    entries = candidate_rows(candidates, list(details))
-    about = origin(arguments, cell.workspace, found.assumed)
     said = f"{sentences.summary(candidates, found.by)}."
     if found.feasible:
-        about.append(("accuracy", sentences.accuracy(found.sampling, found.feasible)))
         said = f"{sentences.first_answer(found.feasible[0])} {said}"
-    title = f"{found.task} in {cell.workspace.name}"
+    title, about = f"{found.task} in {cell.workspace.name}", origin(arguments, job, found.assumed, found.feasible)
+    entries = candidate_rows(candidates, list(details))
     write_page(PageContent(title, said, "Candidates", about, entries, [cell_scene(cell)]), path)
 
 
@@ -73,30 +71,43 @@ def write_scores(
 
     means: how they were computed. arguments: of the command.
     """
-    usable = [cell for cell in cells if cell.workspace is not None and cell.tasks]
-    scores = findings.results
-    scenes: list[CellScene] = []
-    entries: list[PageRow] = [_score(score, None, None) for score in scores if score.task is None]
-    for scene, found in computed(lambda cell: _scored(cell, scores, means), usable, means.jobs, progress):
-        entries += found if scene is None else [replace(entry, scene=len(scenes)) for entry in found]
-        scenes += [] if scene is None else [scene]
-    digests = [(f"digest of {cell.name}", cell.workspace.digest) for cell in usable if cell.workspace is not None]
-    about = [*origin(arguments), *digests]
-    passed = (
-        f"{findings.count('passed')} of {len(findings.results)} tasks passed; of each, the best candidate is shown."
+    usable = [(one.name, one.workspace) for one in cells if one.workspace is not None and one.tasks]
+
+    def scored(one: tuple[str, Workspace]) -> tuple[list[CellScene], list[PageRow]]:
+        """The rows of a workspace's tasks, and its scene if any of them can be done."""
+        own = [score for score in findings.results if score.workspace == one[0]]
+        if all(score.best is None for score in own):
+            return [], [_score_row(score) for score in own]
+        cell = Cell.load(one[1], means.seed)
+        job = RankJob(means.sampling, cell=cell, world=cell.initial_world)
+        return [cell_scene(cell)], [_score_row(score, job) for score in own]
+
+    scenes = list[CellScene]()
+    entries = [_score_row(score) for score in findings.results if score.task is None]
+    for scene, rows in computed(scored, usable, means.jobs, progress):
+        entries += [replace(one, scene=len(scenes)) for one in rows] if scene else rows
+        scenes += scene
+    about = [*origin(arguments), *((f"digest of {name}", workspace.digest) for name, workspace in usable)]
+    passed = f"{findings.count('passed')} of {len(findings.results)} tasks passed"
+    summary = f"{passed}; of each, the best candidate is shown."
+    write_page(PageContent("Scores", summary, "Tasks", about, entries, scenes, compared=False), path)
+
+
+def _score_row(score: TaskScore, job: RankJob | None = None) -> PageRow:
+    """The row of a task. job: in whose cell its best candidate is drawn, if there is one."""
+    best = score.best
+    labels = {"workspace": score.workspace, "task": score.task or "", "best": "" if best is None else best.name}
+    return PageRow(
+        ", ".join(filter(None, labels.values())),
+        score.status,
+        labels,
+        # The other rows are about other tasks, so a comparison within this one says nothing about them.
+        None if best is None else replace(best, pareto=False),
+        score.reasons,
+        None,
+        None if job is None or best is None else packed_playback(job, job.explain(best)),
+        retried=() if best is None else best.retried,
     )
-    write_page(PageContent("Scores", passed, "Tasks", about, entries, scenes, compared=False), path)
-
-
-def _scored(scored: ScoredCell, scores: Sequence[TaskScore], means: Means) -> tuple[CellScene | None, list[PageRow]]:
-    """The rows of a workspace's tasks, and its scene if any of them can be done."""
-    scores = [score for score in scores if score.workspace == scored.name]
-    if scored.workspace is None or all(score.best is None for score in scores):
-        return None, [_score(score, None, None) for score in scores]
-    cell = Cell.load(scored.workspace, means.seed)
-    job = RankJob(means.sampling, cell=cell, world=cell.initial_world)
-    details = [None if score.best is None else packed_playback(job, job.explain(score.best)) for score in scores]
-    return cell_scene(cell), [_score(score, 0, detail) for score, detail in zip(scores, details, strict=True)]
 
 
 def candidate_rows(ranking: Sequence[CandidateResult], details: Sequence[str | None]) -> list[PageRow]:
@@ -112,35 +123,24 @@ def candidate_rows(ranking: Sequence[CandidateResult], details: Sequence[str | N
     return rows
 
 
-def _score(score: TaskScore, scene: int | None, detail: str | None) -> PageRow:
-    best = score.best
-    labels = {"workspace": score.workspace, "task": score.task or "", "best": "" if best is None else best.name}
-    return PageRow(
-        ", ".join(filter(None, labels.values())),
-        score.status,
-        labels,
-        # The other rows are about other tasks, so a comparison within this one says nothing about them.
-        None if best is None else replace(best, pareto=False),
-        score.reasons,
-        scene,
-        detail,
-        retried=() if best is None else best.retried,
-    )
-
-
 def cell_scene(cell: Cell) -> CellScene:
     """What a page needs to draw a cell; it may come from another process."""
     return ShowDocument.of(cell), packed(scene_model(cell))
 
 
-def origin(arguments: Sequence[str], workspace: Workspace | None = None, assumed: str = "") -> list[tuple[str, str]]:
-    """The command and the version that made the page, and the workspace that it is about, if it is about one.
+def origin(
+    arguments: Sequence[str], job: RankJob | None = None, assumed: str = "", judged: Sequence[CandidateResult] = ()
+) -> list[tuple[str, str]]:
+    """The command and the version that made the page; of a job its workspace, and how exact figures are.
 
-    assumed: what delays assume of its cameras.
+    assumed: what delays assume of its cameras. judged: the feasible candidates with figures.
     """
     about = [("command", shlex.join(["sqrp", *arguments])), ("SQRP", __version__)]
-    about += [] if workspace is None else [("workspace", str(workspace.path)), ("digest", workspace.digest)]
-    return [*about, ("delays", f"{assumed}.")] if assumed else about
+    if job is not None:
+        about += [("workspace", str(job.cell.workspace.path)), ("digest", job.cell.workspace.digest)]
+        about += [("delays", f"{assumed}.")] if assumed else []
+        about += [("accuracy", sentences.accuracy(sampling_done(job.sampling, judged), judged))] if judged else []
+    return about
 
 
 def computed(work: Callable[[Item], Result], items: Sequence[Item], jobs: int, progress: Progress) -> Iterator[Result]:

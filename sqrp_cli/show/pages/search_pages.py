@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,8 +15,8 @@ from sqrp_cli.show.documents.scene import ShowDocument
 from sqrp_cli.show.pages.assembly import PageContent, PageRow, write_page
 from sqrp_cli.show.pages.candidate_page import cell_scene, computed, origin, packed_playback
 from sqrp_cli.show.placement_words import placement_in_words
-from sqrp_cli.show.sentences import KIND_WORDS, accuracy
-from sqrp_cli.study.pipeline import RankJob, described, sampling_done
+from sqrp_cli.show.sentences import KIND_WORDS
+from sqrp_cli.study.pipeline import RankJob, described
 from sqrp_cli.study.result import CandidateResult
 
 
@@ -24,34 +24,7 @@ def write_advice(
     document: AdviceDocument, path: Path, *, arguments: Sequence[str], jobs: int, progress: Progress
 ) -> None:
     """Write the page about an advice. arguments: of the command. jobs: processes to use at most."""
-    goal, original = document.want, document.session.session.job
-    rows = list(_rows(document, original))
-    scenes = [cell_scene(original.cell)]
-    entries = []
-    found = computed(lambda row: studied(*row, goal), rows, jobs, progress)
-    for (_, _, job), row in zip(rows, found, strict=True):
-        same = job.cell is original.cell
-        if not same:
-            scenes.append((ShowDocument.of(job.cell), scenes[0][1]))  # cameras are no solids
-        entries.append(replace(row, scene=0 if same else len(scenes) - 1))
-    about = origin(arguments, original.cell.workspace, document.assumed)
-    if feasible := [one for _, one, _ in rows if one.feasible]:
-        about.append(("accuracy", accuracy(sampling_done(original.sampling, feasible), feasible)))
-    about += [(KIND_WORDS[kind.kind], kind.why) for kind in document.kinds if kind.why is not None]
-    count = len(document.advice)
-    met = "one change meets it" if count == 1 else f"{count} changes meet it, each on its own"
-    if document.met:
-        met = "that is met already"
-    elif not count:
-        met = "nothing is enough" + ("" if document.nearest is None else f"; {document.nearest}")
-    summary = f"{document.candidate} is to have {goal}: {met}. {document.whose_figures}".strip()
-    title = f"What would help: {document.task} in {document.workspace}"
-    write_page(PageContent(title, summary, "Changes", about, entries, scenes), path)
-
-
-def _rows(document: AdviceDocument, job: RankJob) -> Iterator[tuple[PageRow, CandidateResult, RankJob]]:
-    """The candidate as it is, then with each change: rows without figures, and the cell and world of each."""
-    before = document.start
+    goal, original, before = document.want, document.session.session.job, document.start
     several = any(one.found.way.parameters != before.way.parameters for one in document.advice)
 
     def row(name: str, mark: str, kind: str, found: CandidateResult, reasons: Sequence[str]) -> PageRow:
@@ -61,11 +34,28 @@ def _rows(document: AdviceDocument, job: RankJob) -> Iterator[tuple[PageRow, Can
         retried = found.candidate.skill.retried_faults
         return PageRow(name, mark, labels, None, reasons, None, None, retried=retried)
 
-    yield row("as it is", "", "", before, document.want.missed(before)), before, job
+    # The candidate as it is, then with each change, each with the cell and the world that it is in.
+    rows = [(row("as it is", "", "", before, goal.missed(before)), before, original)]
     for number, one in enumerate(document.advice, 1):
-        cell, world = one.proposed.in_cell(job.cell), one.proposed.in_world(job.world)
+        cell, world = one.proposed.in_cell(original.cell), one.proposed.in_world(original.world)
         shown = row(one.words, f"#{number}", one.kind, one.found, [f"makes worse: {cost}" for cost in one.costs])
-        yield shown, one.found, replace(job, cell=cell, world=world)
+        rows.append((shown, one.found, replace(original, cell=cell, world=world)))
+    entries, scenes = list[PageRow](), [cell_scene(original.cell)]
+    for (_, _, job), entry in zip(rows, computed(lambda one: studied(*one, goal), rows, jobs, progress), strict=True):
+        if job.cell is not original.cell:
+            scenes.append((ShowDocument.of(job.cell), scenes[0][1]))  # cameras are no solids
+        entries.append(replace(entry, scene=0 if job.cell is original.cell else len(scenes) - 1))
+    count = len(document.advice)
+    met = "one change meets it" if count == 1 else f"{count} changes meet it, each on its own"
+    if document.met:
+        met = "that is met already"
+    elif not count:
+        met = "nothing is enough" + ("" if document.nearest is None else f"; {document.nearest}")
+    about = origin(arguments, original, document.assumed, [one for _, one, _ in rows if one.feasible])
+    about += [(KIND_WORDS[one.kind], one.why) for one in document.kinds if one.why is not None]
+    summary = f"{document.candidate} is to have {goal}: {met}. {document.whose_figures}".strip()
+    title = f"What would help: {document.task} in {document.workspace}"
+    write_page(PageContent(title, summary, "Changes", about, entries, scenes), path)
 
 
 def studied(row: PageRow, found: CandidateResult, job: RankJob, goal: Goal | None) -> PageRow:
@@ -115,25 +105,17 @@ def write_placement(
         entries.append(
             PageRow(name, "" if goal is None else "cannot be done", labels, figures, figures.why, None, None)
         )
-    about, said = origin(arguments, document.cell.workspace, document.assumed), placement_in_words(document)
-    about += [("compared", said.comparison), ("proof", said.scope)]
-    about += [("to have it", "add --patch FILE to the command")] if document.patch else []
-    if document.candidates:
-        judged = [one.found for one in document.candidates]
-        about.append(("accuracy", accuracy(sampling_done(question.sampling, judged), judged)))
     taken = {one.mount: one.name for one in document.cameras}
     # Of each place its position in `frame` [m], the mean quality of all candidates with one camera there and no other,
     # null where none can be, and the camera that was put there.
-    mounts = [
-        {
-            "name": site.name,
-            "frame": site.frame,
-            "position": list(map(float, site.position)),
-            "seen": None if shut else seen,
-            "camera": taken.get(site.name),
-        }
-        for site, seen, shut in zip(question.mounts.sites, document.seen.tolist(), document.shut.tolist(), strict=True)
-    ]
+    mounts = []
+    for site, seen, shut in zip(question.mounts.sites, document.seen.tolist(), document.shut.tolist(), strict=True):
+        known = {"seen": None if shut else seen, "camera": taken.get(site.name)}
+        mounts.append({"name": site.name, "frame": site.frame, "position": [*map(float, site.position)], **known})
+    said = placement_in_words(document)
+    about = origin(arguments, job, document.assumed, [one.found for one in document.candidates])
+    about += [("compared", said.comparison), ("proof", said.scope)]
+    about += [("to have it", "add --patch FILE to the command")] if document.patch else []
     title = f"Where cameras go: {', '.join(document.tasks)} in {document.workspace}"
     summary = " ".join(filter(None, (said.put or said.unmet, document.proof, said.moves)))
     placement = {"by": document.by, "cameras": document.cameras, "keep": document.keep, "mounts": mounts}
