@@ -5,7 +5,7 @@ The only module that knows Embree, which needs neither a display nor a graphics 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +22,15 @@ from sqrp_cli.show.pages.assembly import Color
 from sqrp_cli.sight.scene_states import SceneStates
 
 _LIFT = 1e-4  # how far above a surface a ray to the light starts [m], so that the surface does not shade itself
+Image = NDArray[np.uint8]  # rows of pixels, shape (height, width, 3)
+SUN: Array = np.array([0.35, -0.5, 1.0]) / np.linalg.norm([0.35, -0.5, 1.0])  # direction to the light, in the world
+_AMBIENT, _DIRECT, _SHADE = 0.62, 0.44, 0.45
+"""Ambient brightness, what the light adds, and the share of the light that reaches a shadow."""
+_SKY_LOW, _SKY_HIGH = np.array([215.0, 224.0, 232.0]), np.array([247.0, 250.0, 252.0])
+_OUTSIDE = 24.0  # grey of pixels that the lens does not reach
+_SAME_SURFACE = 0.95  # cosine of the angle between neighbouring normals below which there is an edge
+_QUARTERS = np.array([[x, y] for x in (-0.25, 0.25) for y in (-0.25, 0.25)])
+"""Where a pixel on an edge is sampled instead of at its centre."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +45,9 @@ class Hits:
 
 
 class RayScene:
-    """Triangle meshes that rays are cast at."""
+    """Triangle meshes that rays are cast at, and the pictures that cameras take of them."""
 
-    def __init__(self, meshes: Sequence[Triangles]) -> None:
+    def __init__(self, meshes: Iterable[Triangles]) -> None:
         """Raises InputError where Embree is missing."""
         check_rays()
         from embreex.mesh_construction import TriangleMesh
@@ -47,6 +56,12 @@ class RayScene:
         self._scene = EmbreeScene()
         for mesh in meshes:
             TriangleMesh(self._scene, mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32))
+
+    @classmethod
+    def of(cls, cell: Cell, states: SceneStates) -> RayScene:
+        """The solids of a cell at one instant."""
+        placed = ((states.X_WF[solid.part.parent][0], solid) for solid in cell.observer.solids)
+        return cls(Triangles(transform(X, solid.vertices), solid.triangles) for X, solid in placed)
 
     def first_hits(self, origin: Array, directions: Array) -> Hits:
         """What rays from `origin`, (3,), along unit vectors, (n, 3), hit first."""
@@ -66,6 +81,46 @@ class RayScene:
         blocked: NDArray[np.bool_] = self._scene.run(origins, directions, query="OCCLUDED") >= 0
         return blocked
 
+    def view(self, camera: Camera, X_WC: Array, pixels: Array) -> Hits:
+        """What rays through pixels of shape (n, 2) of a camera hit in the world."""
+        rays_C, shown = directions(Projection(camera), pixels)
+        return replace(self.first_hits(X_WC[:3, 3], rays_C @ X_WC[:3, :3].T), shown=shown)
+
+    def image(self, camera: Camera, X_WC: Array, colors: Sequence[Color]) -> Image:
+        """What the camera sees; colors: of every mesh. Pixels on edges are sampled four times."""
+        width, height = camera.width, camera.height
+        paint = np.array(colors, dtype=float)
+        pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2).astype(float)
+        hits = self.view(camera, X_WC, pixels)
+        shades = self._shades(X_WC[:3, 3], hits, paint)
+        # Pixels next to one that shows another part, or a surface with another normal.
+        mesh, normal = hits.mesh.reshape(height, width), hits.normal.reshape(height, width, 3)
+        on_edge = np.zeros((height, width), dtype=bool)
+        for before, after in (np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:]):
+            turned = np.einsum("...i,...i", normal[before], normal[after]) < _SAME_SURFACE
+            change = (mesh[before] != mesh[after]) | (turned & (mesh[before] >= 0))
+            on_edge[before] |= change
+            on_edge[after] |= change
+        edges = np.flatnonzero(on_edge)
+        finer = self.view(camera, X_WC, (pixels[edges, None] + _QUARTERS).reshape(-1, 2))
+        shades[edges] = self._shades(X_WC[:3, 3], finer, paint).reshape(-1, 4, 3).mean(axis=1)
+        return np.clip(shades, 0, 255).round().astype(np.uint8).reshape(height, width, 3)
+
+    def _shades(self, eye: Array, hits: Hits, paint: Array) -> Array:
+        """Colours of hits, (n, 3), with a light and its shadows. eye: of the camera. paint: of each mesh, (s, 3)."""
+        rays = hits.rays
+        shades: Array = _SKY_LOW + np.clip(0.5 + rays[:, 2:], 0, 1) * (_SKY_HIGH - _SKY_LOW)
+        rows = np.flatnonzero(hits.mesh >= 0)
+        points, normals = eye + hits.distance[rows, None] * rays[rows], hits.normal[rows]
+        lit = np.maximum(normals @ SUN, 0.0)
+        turned = np.flatnonzero(lit > 0)
+        lit[turned[self.blocked(points[turned], normals[turned], SUN)]] *= _SHADE
+        towards = np.abs(np.einsum("ni,ni->n", normals, rays[rows]))
+        light = _AMBIENT * (0.8 + 0.2 * towards) + _DIRECT * lit
+        shades[rows] = paint[hits.mesh[rows]] * light[:, None]
+        shades[~hits.shown] = _OUTSIDE
+        return shades
+
 
 def check_rays() -> None:
     """Raises InputError, with the command that installs it, where Embree is missing."""
@@ -73,8 +128,6 @@ def check_rays() -> None:
         import embreex.mesh_construction
         import embreex.rtcore_scene  # noqa: F401
 
-
-# Through a lens
 
 CLOSE = 1e-2  # greatest distance of a projected direction from its pixel [pixels]
 _ITERATIONS = 25
@@ -114,68 +167,3 @@ def directions(projection: Projection, pixels: Array) -> tuple[Array, NDArray[np
         shown = inside & (np.abs(found - pixels).max(axis=1, initial=0.0) < CLOSE)
     unit = rays(plane)
     return unit / np.linalg.norm(unit, axis=1, keepdims=True), shown
-
-
-# Pictures
-
-Image = NDArray[np.uint8]  # rows of pixels, shape (height, width, 3)
-SUN: Array = np.array([0.35, -0.5, 1.0]) / np.linalg.norm([0.35, -0.5, 1.0])  # direction to the light, in the world
-_AMBIENT, _DIRECT, _SHADE = 0.62, 0.44, 0.45
-"""Ambient brightness, what the light adds, and the share of the light that reaches a shadow."""
-_SKY_LOW, _SKY_HIGH = np.array([215.0, 224.0, 232.0]), np.array([247.0, 250.0, 252.0])
-_OUTSIDE = 24.0  # grey of pixels that the lens does not reach
-_SAME_SURFACE = 0.95  # cosine of the angle between neighbouring normals below which there is an edge
-_QUARTERS = np.array([[x, y] for x in (-0.25, 0.25) for y in (-0.25, 0.25)])
-"""Where a pixel on an edge is sampled instead of at its centre."""
-
-
-class Photographer:
-    """Takes pictures of a cell in one state."""
-
-    def __init__(self, cell: Cell, states: SceneStates) -> None:
-        """States: of one instant."""
-        self._states = states
-        placed = ((states.X_WF[solid.part.parent][0], solid) for solid in cell.observer.solids)
-        self._scene = RayScene([Triangles(transform(X, solid.vertices), solid.triangles) for X, solid in placed])
-
-    def image(self, camera: Camera, colors: Sequence[Color]) -> Image:
-        """What the camera sees; colors: of every solid. Pixels on edges are sampled four times."""
-        width, height = camera.width, camera.height
-        paint = np.array(colors, dtype=float)
-        pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2).astype(float)
-        eye = self._states.camera_poses(camera)[0][:3, 3]
-        hits = self.view(camera, pixels)
-        shades = self._shades(eye, hits, paint)
-        # Pixels next to one that shows another part, or a surface with another normal.
-        mesh, normal = hits.mesh.reshape(height, width), hits.normal.reshape(height, width, 3)
-        on_edge = np.zeros((height, width), dtype=bool)
-        for before, after in (np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:]):
-            turned = np.einsum("...i,...i", normal[before], normal[after]) < _SAME_SURFACE
-            change = (mesh[before] != mesh[after]) | (turned & (mesh[before] >= 0))
-            on_edge[before] |= change
-            on_edge[after] |= change
-        edges = np.flatnonzero(on_edge)
-        finer = self.view(camera, (pixels[edges, None] + _QUARTERS).reshape(-1, 2))
-        shades[edges] = self._shades(eye, finer, paint).reshape(-1, 4, 3).mean(axis=1)
-        return np.clip(shades, 0, 255).round().astype(np.uint8).reshape(height, width, 3)
-
-    def view(self, camera: Camera, pixels: Array) -> Hits:
-        """What rays through pixels of shape (n, 2) hit in the world."""
-        X_WC = self._states.camera_poses(camera)[0]
-        rays_C, shown = directions(Projection(camera), pixels)
-        return replace(self._scene.first_hits(X_WC[:3, 3], rays_C @ X_WC[:3, :3].T), shown=shown)
-
-    def _shades(self, eye: Array, hits: Hits, paint: Array) -> Array:
-        """Colours of hits, (n, 3), with a light and its shadows. eye: of the camera. paint: of each solid, (s, 3)."""
-        rays = hits.rays
-        shades: Array = _SKY_LOW + np.clip(0.5 + rays[:, 2:], 0, 1) * (_SKY_HIGH - _SKY_LOW)
-        rows = np.flatnonzero(hits.mesh >= 0)
-        points, normals = eye + hits.distance[rows, None] * rays[rows], hits.normal[rows]
-        lit = np.maximum(normals @ SUN, 0.0)
-        turned = np.flatnonzero(lit > 0)
-        lit[turned[self._scene.blocked(points[turned], normals[turned], SUN)]] *= _SHADE
-        towards = np.abs(np.einsum("ni,ni->n", normals, rays[rows]))
-        light = _AMBIENT * (0.8 + 0.2 * towards) + _DIRECT * lit
-        shades[rows] = paint[hits.mesh[rows]] * light[:, None]
-        shades[~hits.shown] = _OUTSIDE
-        return shades

@@ -21,7 +21,7 @@ from sqrp_cli.platform.files import make_folder, write_atomically
 from sqrp_cli.show.documents.analysis_shown import verdict_shown
 from sqrp_cli.show.pages.assembly import COVERED, CULPRIT, HIDDEN, solid_colors
 from sqrp_cli.show.pictures import drawing
-from sqrp_cli.show.pictures.camera_image import Photographer, check_rays
+from sqrp_cli.show.pictures.camera_image import RayScene, check_rays
 from sqrp_cli.show.sentences import part_shares_in_words
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import first_failing
@@ -73,10 +73,9 @@ def write_pictures(cell: Cell, analysis: Analysis, folder: Path, advance: Callab
             analysis.timeline.samples.t[row],
             analysis.planned.stage.states(analysis.timeline.samples.some([row])),
         )
-        photographer = Photographer(cell, states)
-        pictures = []
+        scene, pictures = RayScene.of(cell, states), []
         for index, camera in enumerate(cell.observer.cameras):
-            made = _picture(cell, analysis, row, states, photographer, index, views)
+            made = _picture(cell, analysis, row, states, scene, index, views)
             name = file_name(f"{number:02d}_{start:.1f}s-{end:.1f}s_{camera.name}")
             write(f"{name}.png", drawing.framed(*made))
             pictures.append(made)
@@ -93,7 +92,7 @@ def _picture(
     analysis: Analysis,
     row: int,
     states: SceneStates,
-    photographer: Photographer,
+    scene: RayScene,
     index: int,
     views: HiddenViews,
 ) -> drawing.Picture:
@@ -112,7 +111,7 @@ def _picture(
     smaller = f", 1/{step} of its size" if step > 1 else ""
     captions: list[drawing.Caption] = [(f"{camera.name} at {analysis.timeline.samples.t[row]:.2f} s{smaller}", None)]
     outlines = []
-    X_CW = inverse(states.camera_poses(camera)[0])
+    X_WC = states.camera_poses(camera)[0]
     for column, (target, boxes) in enumerate(zip(analysis.planned.targets, observation.full_matrix, strict=True)):
         if not observation.required[row, column]:
             continue
@@ -126,13 +125,13 @@ def _picture(
             hidden = sum(part.share for part in parts)
             captions.append((f"hidden {100 * hidden:.1f} %: {part_shares_in_words(parts)}", None))
         for box, verdicts in zip(target.boxes, boxes, strict=True):
-            corners = transform(X_CW @ states.box_poses(box)[0], box_corners(box.size))
+            corners = transform(inverse(X_WC) @ states.box_poses(box)[0], box_corners(box.size))
             covered = verdicts.cause[row, index] == Cause.NONE
             outlines.append((corners, COVERED if covered else HIDDEN))
         if failing.limit in (Cause.HIDDEN, Cause.SAME_COLOUR):
             solids = zip(cell.observer.solids, colors, strict=True)
             colors = [CULPRIT if solid.name == failing.by else color for solid, color in solids]
-    return drawing.outlined(photographer.image(camera, colors), Projection(camera), outlines, captions)
+    return drawing.outlined(scene.image(camera, X_WC, colors), Projection(camera), outlines, captions)
 
 
 def file_name(name: str) -> str:

@@ -14,7 +14,7 @@ from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.geometry import look_at
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.shapes import Triangles
-from sqrp_cli.show.pictures.camera_image import CLOSE, Photographer, RayScene, directions
+from sqrp_cli.show.pictures.camera_image import CLOSE, RayScene, directions
 from sqrp_cli.sight.scene_states import SceneStates
 
 TABLETOP = Path(__file__).parents[3] / "workspaces" / "tabletop"
@@ -32,7 +32,7 @@ def test_a_pixel_shows_the_part_and_the_depth_that_mujoco_renders(lens):
     q = cell.model.home + np.array([0.7, -0.1, 0.3, 0.2, -0.4, 0.5])
     frames = {thing.name: thing.X_WO[None] for thing in objects} | {"world": np.eye(4)[None]}
     states = SceneStates(1, {**cell.model.link_poses(q[None]), **frames})
-    photographer = Photographer(cell, states)
+    scene = RayScene.of(cell, states)
     parts = [replace(part, parent="world", X_PG=thing.X_WO @ part.X_PG) for thing in objects for part in thing.parts]
     stage = renderer.MujocoScene(cell.workspace.robot, parts, None, RESOLUTION)
     stage.move(cell.model.joint_values(q))
@@ -42,7 +42,7 @@ def test_a_pixel_shows_the_part_and_the_depth_that_mujoco_renders(lens):
             bent = replace(camera, distortion_model=lens[0], distortion=np.array(lens[1]))
             expected = stage.picture(camera.X_FC, np.array([-0.3, -0.22]), 0.5, 0.1)
             rays_C = np.stack([expected.u, expected.v, np.ones_like(expected.u)], axis=-1).reshape(-1, 3)
-            hits = photographer.view(bent, Projection(bent).pixels(rays_C)[0])
+            hits = scene.view(bent, camera.X_FC, Projection(bent).pixels(rays_C)[0])
             names = np.array([cell.observer.solids[index].name for index in range(len(cell.observer.solids))] + [""])
             shown = np.array([*stage.names, ""])[expected.part.reshape(-1)]
             assert hits.shown.all()
