@@ -73,13 +73,16 @@ def what_it_means(found: CandidateResult) -> str:
 
 def noticed(found: CandidateResult, fault: str) -> str:
     """How soon a fault is noticed: `if it slips, you know after 0.13 s, at the latest after 0.52 s`."""
-    cost, said = found.faults[fault], f"if {found.happens.get(fault, f'`{fault}` happens')}, "
+    cost, said = found.faults[fault], f"if {found.happening(fault)}, "
     if cost.unseen:
-        share = f" in {100 * cost.unseen:.3g} % of cases" if cost.unseen < 1.0 else ""
-        return f"{said}you never know{share}" + (
-            "" if cost.delay_mean is None else f", else after {cost.delay_mean:.2f} s"
-        )
+        known = "" if cost.delay_mean is None else f", else after {cost.delay_mean:.2f} s"
+        return f"{said}you never know{in_cases(cost.unseen)}{known}"
     return f"{said}you know after {cost.delay_mean or 0.0:.2f} s, at the latest after {cost.delay_worst or 0.0:.2f} s"
+
+
+def in_cases(share: float) -> str:
+    """How often something is so: ` in 12 % of cases`; nothing where it always is."""
+    return f" in {100 * share:.3g} % of cases" if share < 1.0 else ""
 
 
 def never_noticed(candidates: Sequence[CandidateResult]) -> list[str]:
@@ -89,13 +92,10 @@ def never_noticed(candidates: Sequence[CandidateResult]) -> list[str]:
         lost = [one for one in candidates if one.faults[fault].unseen > 0]
         if lost:
             worst = max(lost, key=lambda one: one.faults[fault].unseen)
-            share, said = worst.faults[fault].unseen, worst.happens.get(fault, f"`{fault}` happens")
-            often = f" in {100 * share:.3g} % of cases" if share < 1.0 else ""
-            whose = (
-                f" ({worst.name}{f' and {len(lost) - 1} more' if len(lost) > 1 else ''})" if len(candidates) > 1 else ""
-            )
-            why = worst.faults[fault].why
-            found.append(f"Never noticed{often} if {said}{whose}{f': {why.words}' if why else ''}.")
+            cost, more = worst.faults[fault], f" and {len(lost) - 1} more" if len(lost) > 1 else ""
+            said = f"{worst.happening(fault)}{f' ({worst.name}{more})' if len(candidates) > 1 else ''}"
+            why = f": {cost.why.words}" if cost.why else ""
+            found.append(f"Never noticed{in_cases(cost.unseen)} if {said}{why}.")
     return found
 
 

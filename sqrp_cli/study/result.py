@@ -188,6 +188,10 @@ class CandidateResult(Figures):
         latest = max(self.faults.values(), key=lambda one: (one.unseen, one.delay_worst or 0.0), default=None)
         return "" if latest is None or latest.why is None else latest.why.words
 
+    def happening(self, fault: str) -> str:
+        """What happens at a fault, in words; documents of earlier versions lack them."""
+        return self.happens.get(fault, f"`{fault}` happens")
+
     @property
     def worst_phase(self) -> str:
         """The phase of a recorded episode in which least is seen, with its share; empty if it has none."""

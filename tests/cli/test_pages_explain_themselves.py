@@ -9,7 +9,7 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.run.record.events import ShownAtom, event
 from sqrp_cli.run.record.report import FaultRecord, RunReport, StepRecord
 from sqrp_cli.show.pages.assembly import PageContent, PageRow, write_page
-from sqrp_cli.show.pages.run_page import RunCell, story, write_run
+from sqrp_cli.show.pages.run_page import story, write_run
 from sqrp_cli.study.result import CandidateResult
 from tests.cli.browser import Opened, walk
 
@@ -161,7 +161,8 @@ def run_page(tmp_path, fault: FaultRecord | None, attempts: int = 1) -> tuple[Ru
     step = StepRecord("pickup", {"object": "g1"}, "pickup g1", 0.0, 18.15, attempts)
     report = RunReport("done", None, 18.15, [step], [] if fault is None else [fault])
     path = tmp_path / "run.html"
-    write_run(RunCell("cell", ["cam1"], "0123", None), report, events, path, ["run"])
+    began = event("run", 0.0, sqrp_log=1, workspace="cell", digest="0123", cameras=["cam1"])
+    write_run(began, report, events, path, ["run"])
     return report, path
 
 

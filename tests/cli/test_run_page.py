@@ -15,7 +15,7 @@ from sqrp_cli.geometry import Array, transform
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.run.record.events import Event, ShownAtom, event
 from sqrp_cli.run.record.report import Confusion, FaultRecord, RunReport, StepRecord
-from sqrp_cli.show.pages.run_page import RunCell, write_run
+from sqrp_cli.show.pages.run_page import write_run
 from tests.cli.browser import Opened, carried, click_at_random
 from tests.cli.slip_run import Moment
 from tests.cli.test_report import HOSTILE, SPELLED_OUT
@@ -40,8 +40,8 @@ def opened(browser, tmp_path_factory):
     fault = FaultRecord("slip", 2.0, 2.0, 2.15, 2.5, None, predicted_delay=0.25)
     step, came_true = StepRecord("pickup", {"object": "g1"}, "pickup g1", 0.0), {"cam1": Confusion(tp=30, fp=10)}
     report = RunReport("stopped", "hold(g1) should be seen", 4.0, [step], [fault], [{"hold(g1)": came_true}])
-    cell = RunCell("cell", ["cam1", "cam2"], "0123", None)
-    write_run(cell, report, events, path, ["run", "pick.yaml", "--sim", "--report", str(path)])
+    began = event("run", 0.0, sqrp_log=1, workspace="cell", digest="0123", cameras=["cam1", "cam2"])
+    write_run(began, report, events, path, ["run", "pick.yaml", "--sim", "--report", str(path)])
     return Opened(browser, path)
 
 
@@ -93,7 +93,8 @@ def test_a_log_with_hostile_names_has_a_page_on_which_nothing_runs(browser, tmp_
     fault = FaultRecord(HOSTILE, 1.0, 1.0, 1.5, 1.6, None, predicted_delay=0.25)
     step = StepRecord(HOSTILE, {"object": HOSTILE}, HOSTILE, 0.0)
     report = RunReport("stopped", HOSTILE, 2.0, [step], [fault], [{atom: {HOSTILE: Confusion(tp=1)}}])
-    write_run(RunCell(HOSTILE, [HOSTILE], HOSTILE, None), report, events, path, ["run", HOSTILE])
+    began = event("run", 0.0, sqrp_log=1, workspace=HOSTILE, digest=HOSTILE, cameras=[HOSTILE])
+    write_run(began, report, events, path, ["run", HOSTILE])
     opened = Opened(browser, path)
     opened.page.locator(".run").first.hover()
     opened.js("() => sqrp.seek(1.2)")

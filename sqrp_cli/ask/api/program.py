@@ -263,7 +263,6 @@ class OpenProgram:
         from sqrp_cli.program.file import made_for, save_program
         from sqrp_cli.run.record.events import event
         from sqrp_cli.run.record.log import written_log
-        from sqrp_cli.show.pages.run_page import RunCell
 
         ask.check_names()
         workspace = self.workspace
@@ -278,10 +277,9 @@ class OpenProgram:
         events: list[Event] = []
         with ExitStack() as closing:  # closes the others even if one fails to close
             recorder, gallery = _recorders(workspace, ask, screen, closing)
-            logged = None
+            began, logged = header(self.program, workspace, self.seed, injected), None
             if ask.log is not None:
-                begin = header(self.program, workspace, self.seed, injected)
-                logged = closing.enter_context(written_log(ask.log, begin))
+                logged = closing.enter_context(written_log(ask.log, began))
             heard: list[Listener] = [
                 one for one in (logged, *ask.listeners, events.append, recorder) if one is not None
             ]
@@ -294,7 +292,8 @@ class OpenProgram:
         happened = Counter(event.fault for event in events if event.event == "injected")
         return SimulatedRun(
             **vars(report),
-            cell=RunCell(workspace.name, list(workspace.cameras), workspace.digest, workspace),
+            began=began,
+            drawn=workspace,
             events=events,
             never_happened=list((Counter(fault.text for fault in injected) - happened).elements()),
             inputs=self.files,
@@ -398,7 +397,6 @@ class LoggedRun:
     def replay(self, *listeners: Callable[[Event], None]) -> SimulatedRun | None:
         """The run, None if it was interrupted; listeners: called with each event."""
         from sqrp_cli.ask.api.run_results import SimulatedRun
-        from sqrp_cli.show.pages.run_page import RunCell
 
         report, kept = None, []
         for event in self.events:
@@ -419,10 +417,10 @@ class LoggedRun:
             why_flat = f"this program is for the workspace {workspace.name}, the run was in {header.workspace}"
         elif header.digest not in workspace.digests:
             why_flat = "the workspace of this program is not as it was in the run"
-        cell = RunCell(header.workspace, header.cameras, header.digest, None if why_flat else workspace, why_flat)
         inputs = [self.log, *([] if self.program is None else self.program.files)]
-        known = {**vars(report), "workspace": header.workspace}
-        return SimulatedRun(**known, cell=cell, events=kept, never_happened=(), inputs=inputs, asked=RunRequest())
+        drawn = {"began": header, "drawn": None if why_flat else workspace, "why_flat": why_flat}
+        known = {**vars(report), "workspace": header.workspace, **drawn}
+        return SimulatedRun(**known, events=kept, never_happened=(), inputs=inputs, asked=RunRequest())
 
     @property
     def no_report(self) -> InputError:

@@ -13,19 +13,22 @@ from sqrp_cli.run.record.report import RunReport
 
 if TYPE_CHECKING:
     from sqrp_cli.ask.requests import RunRequest
+    from sqrp_cli.cell.workspace import Workspace
     from sqrp_cli.run.record.events import Event
-    from sqrp_cli.show.pages.run_page import RunCell
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class SimulatedRun(RunReport):
     """How a run of a program went.
 
-    events: what happened, in order. never_happened: faults that did not. inputs: the files that it was read from, over
-    which no page is written. asked: what it was kept in, among others.
+    began: how a log of it begins. drawn: the workspace, if its files are at hand; else why_flat: why pages show no
+    shapes. events: what happened, in order. never_happened: faults that did not. inputs: the files that it was read
+    from, over which no page is written. asked: what it was kept in, among others.
     """
 
-    cell: RunCell = live()
+    began: Event = live()
+    drawn: Workspace | None = live()
+    why_flat: str = live("")
     events: Sequence[Event] = live()
     never_happened: Sequence[str] = live()
     inputs: Sequence[Path] = live()
@@ -42,4 +45,4 @@ class SimulatedRun(RunReport):
         values.texts("the words of a command, in a list").read(arguments, "arguments")
         self.asked.check_names(file)
         self.asked.check_not_read(self.inputs, file)
-        write_run(self.cell, self, self.events, file, arguments)
+        write_run(self.began, self, self.events, file, arguments, self.drawn, self.why_flat)

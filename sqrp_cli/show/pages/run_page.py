@@ -8,7 +8,6 @@ from pathlib import Path
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.records import dataclass
 from sqrp_cli.run.record.events import BETWEEN, AskedBox, Event
 from sqrp_cli.run.record.log import Track
 from sqrp_cli.run.record.report import RunReport
@@ -25,25 +24,25 @@ WITNESSED = (
 _TRUE = "predicted images that showed it"
 
 
-@dataclass(frozen=True, eq=False)
-class RunCell:
-    """The cell of a run."""
+def write_run(
+    began: Event,
+    report: RunReport,
+    events: Sequence[Event],
+    path: Path,
+    arguments: Sequence[str],
+    workspace: Workspace | None = None,
+    why_flat: str = "",
+) -> None:
+    """Write the page about a run. arguments: of the command. Raises InputError where it cannot be written.
 
-    name: str
-    cameras: Sequence[str]
-    digest: str  # of its workspace at the time
-    workspace: Workspace | None  # None if its files are not at hand
-    why_flat: str = ""  # why there is no playback in three dimensions, if so
-
-
-def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: Path, arguments: Sequence[str]) -> None:
-    """Write the page about a run. arguments: of the command. Raises InputError where it cannot be written."""
+    began: how a log of it begins. workspace: None if its files are not at hand. why_flat: why there is no playback in
+    three dimensions, if so.
+    """
     from sqrp_cli.motion.cell import Cell
 
-    names = ", ".join(report.labels)
-    track = Track.of(events)
-    why_flat = cell.why_flat if track is not None else "this log does not say where everything was"
-    scenes = [] if cell.workspace is None or track is None else [cell_scene(Cell.load(cell.workspace))]
+    names, track = ", ".join(report.labels), Track.of(events)
+    why_flat = why_flat if track is not None else "this log does not say where everything was"
+    scenes = [] if workspace is None or track is None else [cell_scene(Cell.load(workspace))]
     watched = any(event.event == "evidence" for event in events)
     figures, noted = list[FigureShown](), []
     for fault in report.faults:
@@ -56,7 +55,11 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
         figures.append((_TRUE, f"{100 * report.total.precision:.1f} %", _TRUE))
     figures.append(("images", f"{report.images}", ""))
     figures.append(("simulated time", f"{report.time:.2f} s", ""))
-    detail = packed(_detail(cell, report, events, track if scenes else None, why_flat)) if watched or scenes else None
+    detail = (
+        packed(_detail(began.cameras, report, events, track if scenes else None, why_flat))
+        if watched or scenes
+        else None
+    )
     entry = PageRow(
         name=names,
         mark=report.outcome,
@@ -67,8 +70,8 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
         detail=detail,
         figures=figures,
     )
-    title = f"{names} in {cell.name}: {report.outcome}"
-    about = [*origin(arguments), ("workspace", cell.name), ("digest", cell.digest)]
+    title = f"{names} in {began.workspace}: {report.outcome}"
+    about = [*origin(arguments), ("workspace", began.workspace), ("digest", began.digest)]
     opens_at = min(noted, default=0.0 if report.done else report.time)
     content = PageContent(title, story(report), "Steps", about, [entry], scenes, of_images=True, opens_at=opens_at)
     write_page(content, path)
@@ -93,7 +96,7 @@ def story(report: RunReport) -> str:
 
 
 def _detail(
-    cell: RunCell, report: RunReport, events: Sequence[Event], track: Track | None, why_flat: str
+    cameras: Sequence[str], report: RunReport, events: Sequence[Event], track: Track | None, why_flat: str
 ) -> Mapping[str, object]:
     """The playback of a run: the fields of a candidate's, with what images showed in place of predictions.
 
@@ -120,7 +123,7 @@ def _detail(
         "of_images": True,  # tells a run from a candidate
         "time": end,
         "still": {},
-        "cameras": {name: {} for name in cell.cameras},
+        "cameras": {name: {} for name in cameras},
         "primitives": _doings(events, end),
         "formulas": [],
         "says": {atom: words for step in report.steps for atom, words in step.says.items()},
@@ -128,7 +131,7 @@ def _detail(
         "marks": marks,
         "moments": _moments(report, events),
         "note": WITNESSED if track is not None else f"There is no playback in three dimensions: {why_flat}.",
-        "samples": [*(_sample(cell.cameras, seen[t]) for t in times), {"t": over, "covered": None, "literals": {}}],
+        "samples": [*(_sample(cameras, seen[t]) for t in times), {"t": over, "covered": None, "literals": {}}],
         "track": None if track is None else track_shown(track),
     }
 

@@ -9,11 +9,13 @@ from math import atan, degrees, inf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sqrp_cli.show.sentences import in_cases
 from sqrp_cli.show.terminal.console import (
     SEVERITY_STYLES,
     Column,
     Styled,
     TableCell,
+    delay,
     joined,
     numbers,
     print_table,
@@ -22,7 +24,7 @@ from sqrp_cli.show.terminal.console import (
     say_line,
     styled,
 )
-from sqrp_cli.show.terminal.rank_table import MOST_ROWS, print_infeasible
+from sqrp_cli.show.terminal.rank_table import MOST_ROWS, first_of_each, print_infeasible
 
 if TYPE_CHECKING:
     from sqrp_cli.document import Pose
@@ -56,10 +58,8 @@ def print_check(found: Check) -> None:
     say(joined([(found.task, "bold"), f" in {found.workspace}: {able}{at_once}\n"]))
     shown = feasible
     if len(feasible) > MOST_ROWS:  # the fastest for each choice of objects, the first of them
-        fastest: dict[tuple[str, ...], str] = {}
-        for one in sorted(feasible, key=lambda one: one.time or 0.0):
-            fastest.setdefault(tuple(one.objects.values()), one.name)
-        shown = [one for one in feasible if one.name in fastest.values()][:MOST_ROWS]
+        fastest = first_of_each(sorted(feasible, key=lambda one: one.time or 0.0))
+        shown = [one for one in feasible if one.name in fastest]
     if feasible:
         rows = [(one.name, f"{one.time:.2f}" if one.time is not None else "") for one in shown]
         print_table([Column("candidate"), Column("takes at least [s]", right=True)], rows)
@@ -237,8 +237,7 @@ def print_program(found: ProgramDocument) -> None:
     for number, step in enumerate(found.steps, 1):
         for name, fault in step.faults.items():
             if fault.unseen:
-                often = "" if fault.unseen == 1.0 else f" in {100 * fault.unseen:.3g} % of cases"
-                said = f"Never noticed{often} if {step.happens[name]}{where[number - 1]}"
+                said = f"Never noticed{in_cases(fault.unseen)} if {step.happens[name]}{where[number - 1]}"
                 say(f"{said}: no image is sure to show it.", "red")
     if total.step is not None and total.delay_worst is not None:
         which = f"{found.steps[total.step - 1].happens[total.fault or '']}{where[total.step - 1]}"
@@ -268,8 +267,5 @@ def print_program(found: ProgramDocument) -> None:
 
 def _latest(faults: Collection[FaultMetrics]) -> Styled:
     """The longest time until a fault is noticed; never where no image is sure to show one."""
-    delays = [fault.delay_worst for fault in faults]
-    if not delays:
-        return styled("-", "dim")
-    known = [delay for delay in delays if delay is not None]
-    return styled("never", "red") if len(known) < len(delays) else f"{max(known):.2f}"
+    worst = max((fault.delay_worst or 0.0 for fault in faults), default=None)
+    return delay(worst, sum(fault.unseen for fault in faults))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import degrees
+from typing import TYPE_CHECKING
 
 from sqrp_cli.show import sentences
 from sqrp_cli.show.terminal.console import (
@@ -23,6 +24,9 @@ from sqrp_cli.show.terminal.console import (
 from sqrp_cli.show.terminal.progress_lines import Verbosity, verbosity
 from sqrp_cli.study.ranking import compared_quality
 from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult, Ranking
+
+if TYPE_CHECKING:
+    from sqrp_cli.show.documents.checks import CheckedCandidate
 
 MOST_NAMED = 3  # most candidates, or choices of objects, that a line names
 SHORTEST_BLIND = 0.05  # blind ends of moves that cost less are not named [s]
@@ -45,10 +49,7 @@ def print_ranking(found: Ranking, *, all_rows: bool = False) -> None:
     if feasible:
         shown: Sequence[CandidateResult] = feasible
         if len(feasible) > MOST_ROWS and not all_rows:
-            best: dict[tuple[str, ...], str] = {}
-            for one in feasible:
-                best.setdefault(tuple(one.objects.values()), one.name)
-            named = {one.name for one in (*feasible[:2], feasible[-1])}.union(list(best.values())[:MOST_ROWS])
+            named = {one.name for one in (*feasible[:2], feasible[-1])} | first_of_each(feasible)
             shown = [one for one in feasible if one.name in named]
         _print_feasible(feasible, shown)
         if (drawn := found.calibration) is not None:
@@ -82,6 +83,14 @@ def print_ranking(found: Ranking, *, all_rows: bool = False) -> None:
     if found.interrupted:
         done = f"{len(found.candidates)} of {found.of} candidate{'s' * (found.of != 1)}"
         say(f"Interrupted at {done}: another one may be better.", "yellow")
+
+
+def first_of_each(found: Iterable[CandidateResult | CheckedCandidate]) -> set[str]:
+    """The names of the first candidate for each choice of objects, at most `MOST_ROWS`."""
+    first: dict[tuple[str, ...], str] = {}
+    for one in found:
+        first.setdefault(tuple(one.objects.values()), one.name)
+    return set(list(first.values())[:MOST_ROWS])
 
 
 def _sentences(feasible: Sequence[CandidateResult], found: Ranking) -> Iterator[str]:
@@ -132,70 +141,63 @@ def print_ways(candidates: Iterable[CandidateResult]) -> None:
             known = f"{one.ways.feasible} of {one.ways.tried} ways can be done"
             say(f"\n{one.name}: {known}; none is better than these in everything:")
             titles = "critical\ntime\nseen [%]", "time\nseen\n[%]", "takes\n[s]", "noticed\nat the\nlatest [s]"
-            columns = [Column("way"), *numbers(*titles)]
-            worst = [delay(way.delay_worst, way.unseen) for way in one.ways.pareto]
             rows = [
-                (way.words, way.q_eoi, way.q_avg, seconds(way.time), late)
-                for way, late in zip(one.ways.pareto, worst, strict=True)
+                (way.words, way.q_eoi, way.q_avg, seconds(way.time), delay(way.delay_worst, way.unseen))
+                for way in one.ways.pareto
             ]
-            print_table(columns, rows)
+            print_table([Column("way"), *numbers(*titles)], rows)
 
 
-_Figure = tuple[Column, Callable[[CandidateResult], TableCell]]
-"""A column with a figure of each feasible candidate."""
-
-
-def _figures(feasible: Sequence[CandidateResult]) -> list[_Figure]:
-    """The columns after place and parameters: the way where there is a choice, qualities, time, delays of faults."""
-
-    def worst(one: CandidateResult, name: str, faults: Iterable[str], pattern: str = "{:.2f}") -> TableCell:
-        """A figure of the worst of some faults, in red if one may never be noticed."""
-        values = [getattr(one.faults[fault], name) for fault in faults]
-        return styled("never" if None in values else pattern.format(max(values)), "red" if one.unseen else "")
-
-    found: list[_Figure] = []
-    if any(one.has_choice for one in feasible):
-        found.append((Column("way", shrink=True), lambda one: one.choice))
-    if feasible[0].faults:
-        mean, at_worst = numbers("noticed\nafter\n[s]", "at the\nlatest\n[s]")
-        found.append((mean, lambda one: worst(one, "delay_mean", one.faults)))
-        found.append((at_worst, lambda one: worst(one, "delay_worst", one.faults)))
-    q_eoi, q_avg, likely, time, done = numbers(
-        "critical\ntime\nseen [%]", "time\nseen\n[%]", "likely\nseen\n[%]", "takes\n[s]", "done\nafter a\nretry\n[s]"
-    )
-    found += [(q_eoi, lambda one: one.q_eoi), (q_avg, lambda one: one.q_avg)]
-    if any(one.q_expected is not None for one in feasible):
-        found.append((likely, lambda one: one.q_expected))
-    found.append((time, lambda one: seconds(one.time)))
-    if feasible[0].phases:
-        found.append((Column("seen least\nin", shrink=True), lambda one: one.worst_phase))
-    if retried := feasible[0].retried:
-        found.append((done, lambda one: worst(one, "expected_time", retried, "{:.1f}")))
-    return found
+_Filled = tuple[Column, Sequence[TableCell]]
+"""A column with the cells of all rows."""
 
 
 def _print_feasible(feasible: Sequence[CandidateResult], shown: Sequence[CandidateResult]) -> None:
     """The table of those that are shown, how many are not, and which faults it is about."""
-    differing, figures = sentences.differing_parameters(feasible), _figures(feasible)
-    objects = [name for name in differing if name in feasible[0].objects]
-    settings = [name for name in differing if name not in objects]
-    titles, ends = [column for column, _ in figures], [[cell(one) for _, cell in figures] for one in shown]
-    star = " *" if len(feasible) > 1 else ""
-    begins = [[f"{one.rank}{star if one.pareto else ''}", *(one.objects[name] for name in objects)] for one in shown]
-    columns = [Column("#"), *map(Column, [*objects, *settings]), *titles]
-    middle = [[one.settings[name] for name in settings] for one in shown]
-    rows = [[*first, *values, *end] for first, values, end in zip(begins, middle, ends, strict=True)]
-    if not fits(columns, rows):
-        columns = [Column("#"), *map(Column, objects), Column("with", shrink=True), *titles]
-        middle = [[", ".join(f"{name} {one.settings[name]}" for name in settings)] for one in shown]
-        rows = [[*first, *values, *end] for first, values, end in zip(begins, middle, ends, strict=True)]
+    first, faults = feasible[0], list(feasible[0].faults)
+
+    def worst(column: Column, name: str, faults: Sequence[str], pattern: str = "{:.2f}") -> _Filled:
+        """A figure of the worst of some faults, in red if one may never be noticed."""
+        cells: list[TableCell] = []
+        for one in shown:
+            values = [getattr(one.faults[fault], name) for fault in faults]
+            cells.append(styled("never" if None in values else pattern.format(max(values)), "red" * bool(one.unseen)))
+        return column, cells
+
+    mean, latest, q_eoi, q_avg, likely, takes, done = numbers(
+        "noticed\nafter\n[s]", "at the\nlatest\n[s]", "critical\ntime\nseen [%]", "time\nseen\n[%]",
+        "likely\nseen\n[%]", "takes\n[s]", "done\nafter a\nretry\n[s]",
+    )  # fmt: skip
+    figures: list[_Filled] = []
+    if any(one.has_choice for one in feasible):
+        figures.append((Column("way", shrink=True), [one.choice for one in shown]))
+    if faults:
+        figures += [worst(mean, "delay_mean", faults), worst(latest, "delay_worst", faults)]
+    figures += [(q_eoi, [one.q_eoi for one in shown]), (q_avg, [one.q_avg for one in shown])]
+    if any(one.q_expected is not None for one in feasible):
+        figures.append((likely, [one.q_expected for one in shown]))
+    figures.append((takes, [seconds(one.time) for one in shown]))
+    if first.phases:
+        figures.append((Column("seen least\nin", shrink=True), [one.worst_phase for one in shown]))
+    if first.retried:
+        figures.append(worst(done, "expected_time", first.retried, "{:.1f}"))
+
+    star, differing = " *" * (len(feasible) > 1), sentences.differing_parameters(feasible)
+    settings = [name for name in differing if name not in first.objects]
+    begins: list[_Filled] = [(Column("#"), [f"{one.rank}{star * one.pareto}" for one in shown])]
+    begins += [(Column(name), [one.objects[name] for one in shown]) for name in differing if name in first.objects]
+    apart: list[_Filled] = [(Column(name), [one.settings[name] for one in shown]) for name in settings]
+    in_one = [", ".join(f"{name} {one.settings[name]}" for name in settings) for one in shown]
+    for middle in (apart, [(Column("with", shrink=True), in_one)]):  # where there is no room, one column for all
+        filled = [*begins, *middle, *figures]
+        columns, rows = [column for column, _ in filled], [*zip(*(cells for _, cells in filled), strict=True)]
+        if fits(columns, rows):
+            break
     print_table(columns, rows)
     if len(shown) < len(feasible):
         say(f"... and {len(feasible) - len(shown)} more (--all)", "dim")
-    faults = list(shown[0].faults)
     if len(faults) > 1:
-        said = " or if ".join(shown[0].happens.get(name, f"`{name}` happens") for name in faults)
-        say(styled(f"Noticed: whichever takes longest, if {said}.", "dim"))
+        say(styled(f"Noticed: whichever takes longest, if {' or if '.join(map(first.happening, faults))}.", "dim"))
 
 
 def print_infeasible(found: Iterable[tuple[str, Mapping[str, str], str]]) -> None:

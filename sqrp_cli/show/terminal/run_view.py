@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import field
+from itertools import groupby
 from math import ceil, degrees, hypot
 from typing import TYPE_CHECKING, Any
 
@@ -231,9 +232,9 @@ def print_prediction(
                 if found.tp + found.fp + found.fn + rest.fp:
                     rows.append([label, name, *cells(found, rest)])
                     of_all = of_all[0] + found, of_all[1] + rest
-    grouped = [[fact, *[""] * 4] for fact in dict.fromkeys(row[0] for row in rows)]
-    for fact, camera, *figures in reversed(rows):  # each below its fact
-        grouped.insert(1 + [row[0] for row in grouped].index(fact), [f"  {camera}", *figures])
+    grouped: list[list[Any]] = []
+    for fact, own in groupby(rows, key=lambda row: row[0]):  # each camera below its fact
+        grouped += [[fact, *[""] * 4], *([f"  {camera}", *figures] for _, camera, *figures in own)]
     if fits(together := [Column("fact and camera"), *columns[2:]], grouped):  # else each row says what it is about
         print_table(together, [*grouped, [styled("all", "bold"), *cells(*of_all)]])
     else:
@@ -257,35 +258,21 @@ def print_disagreements(found: Sequence[Disagreement], says: Sequence[Mapping[st
     for one in found:
         if not one.usual:
             groups.setdefault((not one.predicted, one.step, one.atom, one.camera, one.seen), []).append(one)
-    shown_groups = sorted(groups.items())[:MOST_DISAGREEMENTS]
+    rows: dict[bool, list[list[str]]] = {False: [], True: []}
+    for (unforeseen, step, atom, camera, seen), images in sorted(groups.items())[:MOST_DISAGREEMENTS]:
+        # Of a recording, the start of a step is known to some microseconds: 0.45 must not become 0.4 there, 0.5 here.
+        times, shares = sorted(round(one.t, 3) for one in images), sorted(100 * one.share for one in images)
+        ends = (f"{times[0]:.1f}", f"{times[-1]:.1f}"), (f"{shares[0]:.0f}", f"{shares[-1]:.0f}")
+        reasons = "" if unforeseen else f" ({', '.join(sorted({one.because for one in images}))})"
+        shown = f"{'none' if seen == 'blind' else seen}{reasons}"
+        spans = (" - ".join(dict.fromkeys(each)) for each in ends)
+        rows[unforeseen].append([_fact(atom, step, says), camera, shown, str(len(images)), *spans])
+    columns = [Column("fact", shrink=True), Column("camera"), Column("shown", shrink=True)]
+    columns += numbers("images", "from - to [s]", "visible [%]")
     for unforeseen, title in ((False, "Predicted, but not seen:"), (True, "Seen, though not predicted:")):
-        rows = []
-        for (is_unforeseen, step, atom, camera, seen), images in shown_groups:
-            if is_unforeseen is unforeseen:
-                # Of a recording, the start of a step is known to some microseconds: 0.45 must not become 0.4 there,
-                # 0.5 here.
-                times, shares = [round(one.t, 3) for one in images], [one.share for one in images]
-                reasons = ", ".join(sorted({one.because for one in images}))
-                shown = "none" if seen == "blind" else seen
-                shown += "" if unforeseen else f" ({reasons})"
-                ends = (
-                    (f"{min(times):.1f}", f"{max(times):.1f}"),
-                    (f"{100 * min(shares):.0f}", f"{100 * max(shares):.0f}"),
-                )
-                rows.append(
-                    [
-                        _fact(atom, step, says),
-                        camera,
-                        shown,
-                        str(len(images)),
-                        *(" - ".join(dict.fromkeys(each)) for each in ends),
-                    ]
-                )
-        if rows:
-            say()
-            say(title)
-            columns = [Column("fact", shrink=True), Column("camera"), Column("shown", shrink=True)]
-            print_table([*columns, *numbers("images", "from - to [s]", "visible [%]")], rows)
+        if rows[unforeseen]:
+            say(f"\n{title}")
+            print_table(columns, rows[unforeseen])
     if len(groups) > MOST_DISAGREEMENTS:
         say(f"and {len(groups) - MOST_DISAGREEMENTS} more; --json lists every image", "dim")
 

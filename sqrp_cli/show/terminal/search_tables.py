@@ -246,22 +246,19 @@ def print_scorecard(findings: Scorecard) -> None:
         about = "; ".join(one.named for one in findings.results if one.assumed == assumed)
         say(f"\nFor the times of {about}: {assumed}.")
     # Improvements, new and vanished tasks, and what changed where nothing got worse.
-    for result in findings.results:
-        comparison = result.baseline
-        if comparison is None:
-            continue
-        for change in comparison.ways:
-            if not change.worse:
-                say(joined(["\n", ("improved", "green"), f" {result.named} for {change}"]))
-        if comparison.verdict == "new":
-            say(joined(["\n", ("new", "yellow"), f" {result.named} is not in the baseline"]))
-        for way in comparison.gone:
-            say(joined(["\n", ("gone", "yellow"), f" {result.named} for {way}: there is no such way any more"]))
-    for name, before in findings.renamed.items():
-        say(joined(["\n", ("renamed", "yellow"), f" {name} is {before} of the baseline"]))
+    marks: list[tuple[str, str, str]] = []
+    for one in findings.results:
+        if one.baseline is not None:
+            better = [way for way in one.baseline.ways if not way.worse]
+            marks += [("improved", "green", f"{one.named} for {way}") for way in better]
+            marks += [("new", "yellow", f"{one.named} is not in the baseline")] * (one.baseline.verdict == "new")
+            gone = [f"{one.named} for {way}: there is no such way any more" for way in one.baseline.gone]
+            marks += [("gone", "yellow", said) for said in gone]
+    marks += [("renamed", "yellow", f"{name} is {was} of the baseline") for name, was in findings.renamed.items()]
     style = "yellow" if findings.may_vanish else "red"
-    for gone in findings.vanished:
-        say(joined(["\n", ("vanished", style), f" {gone.workspace}, {gone.task} is only in the baseline"]))
+    vanished = [f"{gone.workspace}, {gone.task} is only in the baseline" for gone in findings.vanished]
+    for word, style, said in [*marks, *(("vanished", style, said) for said in vanished)]:
+        say(joined(["\n", (word, style), f" {said}"]))
     missing = findings.vanished or any(one.baseline and one.baseline.gone for one in findings.results)
     if missing and not findings.may_vanish:
         say("\nWhat is gone fails: --allow-missing lets it pass, --save-baseline makes a new baseline.")
@@ -286,13 +283,11 @@ def print_difference(findings: Scorecard) -> None:
         mixed = any(not shift.worse for shift in way.shifts)
         mark = ("better", "green") if not way.worse else ("mixed ", "yellow") if mixed else ("worse ", "red")
         say(joined([mark, f"  {result.task} for {way}"]), indent=8)
-    for result in findings.results:
-        if result.baseline and result.baseline.verdict == "new":
-            say(joined([("new   ", "yellow"), f"  {result.task}"]), indent=8)
-        for name in result.baseline.gone if result.baseline else ():
-            say(joined([("gone  ", "yellow"), f"  {result.task} for {name}"]), indent=8)
-    for vanished in findings.vanished:
-        say(joined([("gone  ", "yellow"), f"  {vanished.task}"]), indent=8)
+    new = [one.task for one in findings.results if one.baseline and one.baseline.verdict == "new"]
+    gone = [f"{one.task} for {name}" for one in findings.results if one.baseline for name in one.baseline.gone]
+    gone += [one.task for one in findings.vanished]
+    for word, what in [*(("new   ", task) for task in new), *(("gone  ", task) for task in gone)]:
+        say(joined([(word, "yellow"), f"  {what}"]), indent=8)
     say("\nWhat differs in the workspace:" if changes else "\nNothing that matters differs in the workspace.")
     for change in changes:
         say(f"  {change}", indent=4)

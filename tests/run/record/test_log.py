@@ -20,7 +20,7 @@ from sqrp_cli.run.record.images import read_frames
 from sqrp_cli.run.record.log import Track, read_log, written_log
 from sqrp_cli.run.record.report import Confusion, Disagreement, FaultRecord, RunReport, StepRecord
 from sqrp_cli.show.documents.schemas import schema_of
-from sqrp_cli.show.pages.run_page import RunCell, write_run
+from sqrp_cli.show.pages.run_page import write_run
 from sqrp_cli.show.terminal.run_view import print_run
 from tests.cells import refused
 
@@ -157,7 +157,7 @@ def test_what_is_read_from_a_damaged_log_can_be_shown_and_all_else_is_told_with_
         print_run(replace(last.report, workspace="cell"))
         if damaged != log[number] and (number, field) not in shown:  # a page takes its time
             shown.add((number, field))
-            write_run(RunCell(header.workspace, header.cameras, header.digest, None), last.report, events, page, [])
+            write_run(header, last.report, events, page, [])
     assert told == set(fields)
 
 
