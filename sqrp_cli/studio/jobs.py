@@ -16,7 +16,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.errors import InputError, Problem, bad_input
+from sqrp_cli.errors import bad_input
 from sqrp_cli.platform.processes import Worker, forked
 from sqrp_cli.records import dataclass
 from sqrp_cli.studio.messages import findings, kind_of, message
@@ -63,8 +63,7 @@ def _work(pipe: Connection, theirs: Connection, job: Job, *, playing: bool) -> C
     try:
         job(pipe)
     except Exception as error:
-        internal = Problem("internal-error", f"internal error: {type(error).__name__}: {error}")
-        tell(pipe, "refused", problems=findings(error.problems if isinstance(error, InputError) else [internal]))
+        tell(pipe, "refused", problems=findings(error))
     pipe.close()
     return lambda _: None
 

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, create_model
 
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.errors import Problem, bad_option
-from sqrp_cli.geometry import matrix_to_rpy
+from sqrp_cli.errors import InputError, Problem, bad_option
+from sqrp_cli.geometry import Array, matrix_to_rpy
 from sqrp_cli.records import dataclass
 from sqrp_cli.show.documents.checks import ReportedProblem
 from sqrp_cli.show.pages.assembly import tidy
@@ -34,33 +34,31 @@ def kind_of(text: str) -> str:
     return text.split('"', 4)[3]
 
 
-def findings(problems: Sequence[Problem]) -> list[ReportedProblem]:
-    """Problems as documents have them."""
-    return [ReportedProblem.of(problem) for problem in problems]
+def findings(error: Exception) -> list[ReportedProblem]:
+    """What is wrong, as documents have it."""
+    internal = Problem("internal-error", f"internal error: {type(error).__name__}: {error}")
+    return [*map(ReportedProblem.of, error.problems if isinstance(error, InputError) else [internal])]
 
 
 def handles(workspace: Workspace) -> dict[str, Any]:
     """What can be moved, and where it is as people would type it."""
-    cameras = {
-        name: Move(
-            kind="camera",
-            name=name,
-            position=camera.X_FC[:3, 3].tolist(),
-            look_at=aim(workspace, camera)[0].tolist(),
-            fov=2.0 * math.atan(0.5 * camera.width / float(camera.matrix[0, 0])),
-        )
-        for name, camera in workspace.cameras.items()
-    }
+
+    def upright(kind: Literal["object", "base"], name: str, X: Array) -> Move:
+        return Move(kind=kind, name=name, position=X[:3, 3].tolist(), yaw=matrix_to_rpy(X[:3, :3])[2])
+
+    cameras, frames, ups = {}, {}, {}
+    for name, camera in workspace.cameras.items():
+        (point, up), position = aim(workspace, camera).tolist(), camera.X_FC[:3, 3].tolist()
+        fov = 2.0 * math.atan(0.5 * camera.width / float(camera.matrix[0, 0]))
+        cameras[name] = Move(kind="camera", name=name, position=position, look_at=point, fov=fov)
+        frames[name], ups[name] = camera.frame, up
     objects = {
-        name: Move(kind="object", name=name, position=X[:3, 3].tolist(), yaw=matrix_to_rpy(X[:3, :3])[2])
+        name: upright("object", name, X)
         for name, one in workspace.objects.items()
         if (X := one.X_WO) is not None and f"objects.{name}.pose" in workspace.places
     }
-    X_WB = workspace.robot.X_WB
-    base = Move(kind="base", name="", position=X_WB[:3, 3].tolist(), yaw=matrix_to_rpy(X_WB[:3, :3])[2])
-    frames = {name: camera.frame for name, camera in workspace.cameras.items()}
-    ups = {name: aim(workspace, camera)[1].tolist() for name, camera in workspace.cameras.items()}
-    return {"camera": cameras, "object": objects, "base": {"": base}, "frames": frames, "ups": ups}
+    base = {"": upright("base", "", workspace.robot.X_WB)}
+    return {"camera": cameras, "object": objects, "base": base, "frames": frames, "ups": ups}
 
 
 Words = Annotated[str, Field(max_length=2000, pattern=r"^[^\x00]*$")]  # no name of a file has a zero byte

@@ -64,15 +64,12 @@ class Studio:
 
     def _tell_state(self) -> None:
         draft, workspace, task = self._draft, self._workspace, self._task
-        skill = workspace.skills.get(task.split()[0].lower()) if task.split() else None
-        parameters = [] if skill is None else [
-            {
-                "name": one.name,
-                "values": [in_words(skill, {one.name: value})[one.name].replace(" ", "") for value in one.values],
-                "words": [word for kind in one.kinds for word in kind.words],
-            }
-            for one in skill.motion_parameters
-        ]  # fmt: skip
+        parameters = []
+        if task.split() and (skill := workspace.skills.get(task.split()[0].lower())) is not None:
+            for one in skill.motion_parameters:
+                values = [in_words(skill, {one.name: value})[one.name].replace(" ", "") for value in one.values]
+                words = [word for kind in one.kinds for word in kind.words]
+                parameters.append({"name": one.name, "values": values, "words": words})
         told = message(
             "state",
             workspace=workspace.name,
@@ -155,7 +152,7 @@ class Studio:
         try:
             self.obey(text)
         except InputError as error:
-            tell(message("refused", problems=findings(error.problems)))
+            tell(message("refused", problems=findings(error)))
 
     def obey(self, text: str) -> None:
         """Do what a browser asks for. Raises InputError where that cannot be."""
@@ -262,8 +259,7 @@ class Studio:
     def _step(self, *, back: bool) -> None:
         """Take back a change, or make it again."""
         before = read_workspace_document(self._draft.path, self._draft.content)
-        changes = self._draft.past[-1:] if back else self._draft.future[:1]
-        for change in changes:
+        for change in self._draft.past[-1:] if back else self._draft.future[:1]:
             self._go_on(self._draft.stepped(back=back))
             label = f"{'undone' if back else 'again'}: {change.label}"
             self._note(label, self._setting(before, self._draft.content))
@@ -302,7 +298,7 @@ class Studio:
             draft, lost = (before, ()) if saved == before.saved else before.on(saved)
             self._go_on(draft)
         except InputError as error:
-            self.connections.post("outside", message("outside", problems=findings(error.problems), lost=[]))
+            self.connections.post("outside", message("outside", problems=findings(error), lost=[]))
             return
         self._stamps = self._stamped()
         self._tell_state()

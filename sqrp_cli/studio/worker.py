@@ -20,7 +20,7 @@ import numpy as np
 from sqrp_cli.ask.api.cell import OpenCell
 from sqrp_cli.ask.api.session import Session
 from sqrp_cli.ask.requests import TaskRequest
-from sqrp_cli.errors import Infeasible, InputError, Problem, bad_input
+from sqrp_cli.errors import Infeasible, InputError, bad_input
 from sqrp_cli.geometry import matrix_to_quaternion
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.memory import give_back_memory
@@ -110,9 +110,7 @@ def serve(pipe: Connection, path: Path, seed: int, jobs: int) -> None:
                 break
             except Exception as error:  # the next question may be answered all the same
                 serving.drop()
-                internal = Problem("internal-error", f"internal error: {type(error).__name__}: {error}")
-                problems = error.problems if isinstance(error, InputError) else (internal,)
-                serving.say("problems", number=None, problems=findings(problems))
+                serving.say("problems", number=None, problems=findings(error))
     serving.drop()
 
 
@@ -197,7 +195,7 @@ class _Worker:
             if question[0] == "hold":  # refused once it is put down
                 self.say("held", number=question[2])
             else:
-                self.say("problems", number=question[2], problems=findings(error.problems))
+                self.say("problems", number=question[2], problems=findings(error))
 
     # A ranking
 

@@ -39,6 +39,7 @@ from sqrp_cli.study.pipeline import sampling_done
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.robustness import Expectation, expectation, without_each_camera
 from sqrp_cli.study.sampling import Sampling
+from sqrp_cli.study.windows import free_views
 
 
 def analysis_shown(
@@ -60,22 +61,15 @@ def analysis_shown(
     planned = analysis.planned
     views = None if brief else hidden_views(cell, analysis)
     literals = dict.fromkeys(literal for formula in planned.formulas for literal in formula.literals)
-    boxes = {
-        target.atom: TargetBoxes(
-            k=target.cameras,
-            says=fact_words(str(target.atom), target.boxes, cell.workspace.objects),
-            boxes=[
-                from_fields(ExplainedBox, box, min_visible=box.limits.min_visible, pose=box.X_FB.tolist())
-                for box in target.boxes
-            ],
-        )
-        for target in planned.targets
-    }
-    free, of_all = None, None
-    if needed is not None:
-        from sqrp_cli.study.windows import free_views
-
-        free, of_all = free_views(cell, analysis, needed)
+    targets = {}
+    for target in planned.targets:
+        boxes = [
+            from_fields(ExplainedBox, box, min_visible=box.limits.min_visible, pose=box.X_FB.tolist())
+            for box in target.boxes
+        ]
+        says = fact_words(str(target.atom), target.boxes, cell.workspace.objects)
+        targets[target.atom] = TargetBoxes(k=target.cameras, says=says, boxes=boxes)
+    free, of_all = (None, None) if needed is None else free_views(cell, analysis, needed)
     coverage, causes = coverage_by_phase(cell, analysis) if found.phases else (None, ())
     does = {primitive.name: primitive.words for primitive in planned.candidate.skill.primitives}
     sights = {}
@@ -89,8 +83,7 @@ def analysis_shown(
         **vars(found),
         sampling=sampling_done(sampling, [found]),
         primitives=[
-            Span(name=timed.name, start=timed.start, end=timed.end, does=does.get(timed.name, timed.name))
-            for timed in planned.motion.primitives
+            from_fields(Span, timed, does=does.get(timed.name, timed.name)) for timed in planned.motion.primitives
         ],
         formulas=[
             from_fields(Formula, one, literals=[str(literal) for literal in one.literals]) for one in planned.formulas
@@ -99,7 +92,7 @@ def analysis_shown(
         without_camera=without_each_camera(cell, analysis),
         recovery=RecoveryTimes(t=analysis.recovery[0].tolist(), duration=analysis.recovery[1].tolist()),
         sights=sights,
-        targets={str(literal): boxes[literal.atom] for literal in literals},
+        targets={str(literal): targets[literal.atom] for literal in literals},
         samples=_samples(cell, analysis, views),
         unseen_times=cause_totals(cell, analysis),
         coverage=coverage,

@@ -36,14 +36,9 @@ class ReportedProblem(Finding, Record):
     @classmethod
     def of(cls, problem: Problem) -> ReportedProblem:
         """A problem as a finding."""
-        place = problem.place
-        return from_fields(
-            cls,
-            problem,
-            file=None if place is None else str(place.file),
-            line=None if place is None else place.line,
-            column=None if place is None else place.column,
-        )
+        if (place := problem.place) is None:
+            return from_fields(cls, problem, file=None, line=None, column=None)
+        return from_fields(cls, problem, place, file=str(place.file))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,21 +107,11 @@ class Check(WorkspaceDocument):
         """Candidates with their verdicts, and the findings about the workspace."""
         candidates = []
         for one in found:
-            steps, skill = one.suggestion.steps, one.candidate.skill
-            checked = from_fields(
-                CheckedCandidate,
-                one,
-                parameters=one.candidate.parameters,
-                reasons=list(map(skill.in_pieces, one.reasons)),
-                remarks=tuple(map(skill.in_pieces, one.remarks)),
-                plan=None if steps is None else list(steps),
-                last=one.suggestion.last,
-                planning=one.suggestion.outcome,
-                name=one.candidate.name,
-                objects=dict(one.candidate.binding),
-                advice=one.suggestion.words,
-            )
-            candidates.append(checked)
+            steps, in_pieces = one.suggestion.steps, one.candidate.skill.in_pieces
+            said = {"reasons": [*map(in_pieces, one.reasons)], "remarks": tuple(map(in_pieces, one.remarks))}
+            plan = {"plan": None if steps is None else list(steps), "planning": one.suggestion.outcome}
+            known = {**said, **plan, "objects": dict(one.candidate.binding), "advice": one.suggestion.words}
+            candidates.append(from_fields(CheckedCandidate, one.candidate, one.suggestion, one, **known))
         return cls(
             workspace=workspace,
             task=task,
@@ -147,10 +132,8 @@ class Check(WorkspaceDocument):
     def brief(self) -> str:
         """Its main figures, in a line."""
         about = self.workspace if self.task is None else f"{self.task} in {self.workspace}"
-        able = (
-            f"{sum(one.feasible for one in self.candidates)} of {how_many(self.candidates, 'candidate')} can be done, "
-        )
-        found = "" if self.task is None or not self.valid else able
+        feasible, candidates = sum(one.feasible for one in self.candidates), how_many(self.candidates, "candidate")
+        found = "" if self.task is None or not self.valid else f"{feasible} of {candidates} can be done, "
         return f"{about}: {found}{'valid' if self.valid else 'not valid'}, {how_many(self.problems, 'problem')}"
 
 

@@ -8,6 +8,7 @@ from itertools import accumulate
 
 from sqrp_cli.document import Pose
 from sqrp_cli.figures import Qualities, falls_short
+from sqrp_cli.files.entries import from_fields
 from sqrp_cli.logic.literal import NOT
 from sqrp_cli.records import dataclass
 from sqrp_cli.show.documents.explanation import ExplainedCandidate, Span
@@ -56,11 +57,8 @@ class PlayedCandidate(ExplainedCandidate):
     @classmethod
     def of_steps(cls, figures: CandidateResult, steps: Sequence[ExplainedCandidate]) -> PlayedCandidate:
         """What a page needs of a candidate of several steps, which follow each other without a pause."""
-        starts = list(accumulate((step.time or 0.0 for step in steps), initial=0.0))
-        parts = [
-            _later(step, f"{number}.", start)
-            for number, (step, start) in enumerate(zip(steps, starts[:-1], strict=True), 1)
-        ]
+        starts = [*accumulate((step.time or 0.0 for step in steps), initial=0.0)]
+        parts = [_later(step, f"{number}.", starts[number - 1]) for number, step in enumerate(steps, 1)]
         joined = ExplainedCandidate(
             **vars(figures),
             sampling=steps[0].sampling,
@@ -75,21 +73,11 @@ class PlayedCandidate(ExplainedCandidate):
             samples=[one for part in parts for one in part.samples],
             hidden=[one for part in parts for one in part.hidden],
         )
-        worst = worst_seen(steps)
-        qualities = (steps[worst].q_eoi, steps[worst].q_avg)
-        loses = any(quality is not None and falls_short(quality, 1.0) for quality in qualities)
-        played = [
-            PlayedStep(
-                name=f"{index + 1}: {known.task}",
-                start=starts[index],
-                end=starts[index + 1],
-                q_eoi=step.q_eoi,
-                q_avg=step.q_avg,
-                verdict=step.verdict,
-                seen_worst=index == worst and loses,
-            )
-            for index, (step, known) in enumerate(zip(steps, figures.steps or (), strict=True))
-        ]
+        worst, played = worst_seen(steps), []
+        loses = any(q is not None and falls_short(q, 1.0) for q in (steps[worst].q_eoi, steps[worst].q_avg))
+        for index, (step, known) in enumerate(zip(steps, figures.steps or (), strict=True)):
+            span = {"name": f"{index + 1}: {known.task}", "start": starts[index], "end": starts[index + 1]}
+            played.append(from_fields(PlayedStep, step, **span, seen_worst=index == worst and loses))
         return cls.of_candidate(joined, tuple(played))
 
 
@@ -99,26 +87,21 @@ def _later(step: ExplainedCandidate, prefix: str, start: float) -> ExplainedCand
     def named(literal: str) -> str:
         return f"{NOT * literal.startswith(NOT)}{prefix}{literal.removeprefix(NOT)}"
 
+    formulas, samples = [], []
+    for one in step.formulas:
+        fault, literals = None if one.fault is None else prefix + one.fault, list(map(named, one.literals))
+        formulas.append(replace(one, start=start + one.start, end=start + one.end, literals=literals, fault=fault))
+    for sample in step.samples:
+        seen = {named(name): shown for name, shown in sample.literals.items()}
+        samples.append(replace(sample, t=start + sample.t, literals=seen))
     return replace(
         step,
         primitives=[
             replace(one, name=prefix + one.name, start=start + one.start, end=start + one.end)
             for one in step.primitives
         ],
-        formulas=[
-            replace(
-                one,
-                start=start + one.start,
-                end=start + one.end,
-                literals=list(map(named, one.literals)),
-                fault=None if one.fault is None else prefix + one.fault,
-            )
-            for one in step.formulas
-        ],
+        formulas=formulas,
         targets={named(name): replace(one, says=f"{prefix} {one.says}") for name, one in step.targets.items()},
-        samples=[
-            replace(one, t=start + one.t, literals={named(name): seen for name, seen in one.literals.items()})
-            for one in step.samples
-        ],
+        samples=samples,
         hidden=[replace(one, literal=named(one.literal)) for one in step.hidden],
     )

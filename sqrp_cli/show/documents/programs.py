@@ -113,34 +113,22 @@ class ProgramDocument(Document):
         """The steps with their figures, the totals, and what the tool has to do."""
         steps, start = [], 0.0
         for step in program.steps:
-            primitives = [
-                ListedPrimitive(
-                    name=one.name,
-                    does=one.does or one.name,
-                    action=action_name(one),
-                    start=start + one.start,
-                    end=start + one.end,
-                    held=one.held,
-                )
-                for one in step.primitives
-            ]
+            primitives = []
+            for one in step.primitives:
+                said = {"does": one.does or one.name, "action": action_name(one)}
+                span = {"start": start + one.start, "end": start + one.end}
+                primitives.append(from_fields(ListedPrimitive, one, **said, **span))
             words = {one.fault: one.words for one in step.formulas}
             happens = {name: words.get(name) or f"`{name}` happens" for name in step.faults}
-            span = {
-                "happens": happens,
-                "start": start,
-                "end": start + step.time,
-                "primitives": primitives,
-                "label": step.short_task,
-            }
-            steps.append(from_fields(ListedStep, step, parameters=dict(step.parameters), **span))
+            known = {"label": step.short_task, "parameters": dict(step.parameters), "happens": happens}
+            span = {"start": start, "end": start + step.time}
+            steps.append(from_fields(ListedStep, step, **known, **span, primitives=primitives))
             start += step.time
         # The fault with the longest delay at worst; one that may never be noticed is the longest.
-        faults = [
-            (one.delay_worst, number, name) for number, s in enumerate(steps, 1) for name, one in s.faults.items()
-        ]
+        faults = [(one.delay_worst, at, name) for at, s in enumerate(steps, 1) for name, one in s.faults.items()]
         none = None, None, None
         late, at, fault = max(faults, key=lambda one: inf if one[0] is None else one[0], default=none)
+        qualities = mean_qualities((step, step.time, step.time) for step in steps)
         workspace = workspace_path(program, file)
         here = shlex.quote(os.path.relpath(shortest_path(workspace)))
         add = f"sqrp rank {here} TASK --program {shlex.quote(str(file))}"
@@ -149,13 +137,7 @@ class ProgramDocument(Document):
             workspace=workspace_name(workspace),
             stale=stale,
             steps=steps,
-            total=ProgramTotal(
-                time=sum(step.time for step in steps),
-                **vars(mean_qualities((step, step.time, step.time) for step in steps)),
-                delay_worst=late,
-                step=at,
-                fault=fault,
-            ),
+            total=ProgramTotal(**vars(qualities), time=start, delay_worst=late, step=at, fault=fault),
             tool=tool_commands(program),
             held=program.steps[-1].after.held if program.steps else None,
             add=add if workspace.exists() else None,

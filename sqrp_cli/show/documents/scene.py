@@ -236,15 +236,11 @@ class ShowDocument(WorkspaceDocument):
             pose = X_WO[name].tolist() if name in X_WO else None
             lists = {"size": list(item.size), "attributes": list(item.attributes)}
             objects[name] = from_fields(ObjectScene, item, pose=pose, **lists)
-        lights = {
-            name: LightScene(
-                intensity=one.intensity,
-                direction=None if one.is_ambient else one.heading.tolist(),
-                position=None if one.position is None else list(one.position),
-                beam=None if one.position is None else 2.0 * one.half_beam,
-            )
-            for name, one in workspace.lights.items()
-        }
+        lights = {}
+        for name, light in workspace.lights.items():
+            lamp = {} if light.position is None else {"position": [*light.position], "beam": 2.0 * light.half_beam}
+            heading = None if light.is_ambient else light.heading.tolist()
+            lights[name] = from_fields(LightScene, light, direction=heading, **lamp)
         return cls(
             workspace=workspace.name,
             digest=workspace.digest,
@@ -286,7 +282,10 @@ def _robot(cell: Cell) -> RobotScene:
             f"{len(cell.never_touching)} pairs of links touched at none of {SAMPLES} positions tried, and are checked "
             "all the same."
         )
-    turns = dict(zip((joint.name for joint in model.tree.joints), model.tree.turns.tolist(), strict=True))
+    turns, joints = dict(zip((one.name for one in model.tree.joints), model.tree.turns.tolist(), strict=True)), {}
+    for name, one in own.limits.items():
+        ends = {"lower": finite_or_none(one.lower), "upper": finite_or_none(one.upper)}
+        joints[name] = from_fields(JointScene, one, **ends, slides=not turns[name])
     return from_fields(
         RobotScene,
         own,
@@ -296,16 +295,7 @@ def _robot(cell: Cell) -> RobotScene:
         package_roots=[str(root) for root in own.package_roots],
         base=own.X_WB.tolist(),
         tool=tool,
-        joints={
-            name: from_fields(
-                JointScene,
-                one,
-                lower=finite_or_none(one.lower),
-                upper=finite_or_none(one.upper),
-                slides=not turns[name],
-            )
-            for name, one in own.limits.items()
-        },
+        joints=joints,
         arm=list(model.arm),
         home=model.joint_values(model.home),
         held=cell.initial_world.held,
