@@ -77,20 +77,17 @@ NOTEBOOK_WIDTH = 100  # columns of results in a notebook
 def captured(show: Callable[[], None], *, html: bool = False) -> str:
     """The results that a function prints: as text as wide as the terminal, or with their colours for a notebook."""
     file = io.StringIO()
-    if html:
-        console = Console(file=file, highlight=False, emoji=False, record=True, force_terminal=True,
-                          color_system="truecolor", no_color=False, width=NOTEBOOK_WIDTH)  # fmt: skip
-    else:
-        console = Console(file=file, highlight=False, emoji=False, no_color=True, width=output().width)
+    console = Console(
+        file=file, highlight=False, emoji=False, record=html, force_terminal=html or None, no_color=not html,
+        color_system="truecolor" if html else "auto", width=NOTEBOOK_WIDTH if html else output().width,
+    )  # fmt: skip
     token = _captured.set(console)
     try:
         show()
     finally:
         _captured.reset(token)
-    if html:
-        code = '<pre style="line-height: 1.25">{code}</pre>'
-        return console.export_html(inline_styles=True, code_format=code)
-    return file.getvalue().rstrip("\n")
+    code = '<pre style="line-height: 1.25">{code}</pre>'
+    return console.export_html(inline_styles=True, code_format=code) if html else file.getvalue().rstrip("\n")
 
 
 def output() -> Console:
@@ -193,14 +190,9 @@ def styled(text: Styled, style: str = "") -> Text:
 
 def say(text: Styled = "", style: str | None = None, *, indent: int = 0) -> None:
     """A paragraph of results, folded at the terminal's width. indent: of all lines but the first, if there is room."""
-    console = output()
-    indent = min(indent, console.width - LEAST_WIDTH)
-    whole = styled(text, style or "")
+    console, whole = output(), styled(text, style or "")
     whole.plain = _BEFORE_UNIT.sub(_KEPT, whole.plain)
-    for number, line in enumerate(whole.wrap(console, console.width - indent)):
-        line.plain = line.plain.replace(_KEPT, " ")
-        line.rstrip()
-        _put(console, Text.assemble(" " * indent if number else "", line))
+    _put_folded(console, whole, min(indent, console.width - LEAST_WIDTH))
 
 
 def unbroken(parts: Iterable[Styled], between: str = ", ") -> Text:
@@ -244,7 +236,7 @@ def note(text: str) -> None:
     """A line that is not part of the results."""
     if verbosity.get() is Verbosity.QUIET:
         return
-    _put_folded(diagnostics(), styled(text, "dim"))
+    _tell(styled(text, "dim"))
 
 
 def ask(question: str) -> str:
@@ -260,30 +252,36 @@ def ask(question: str) -> str:
 
 def print_problems(problems: Iterable[Problem]) -> None:
     """Problems on stderr: place, what was found and expected, the line with a caret, and how to mend it."""
-    console, quiet = diagnostics(), verbosity.get() is Verbosity.QUIET
     for problem in problems:
-        if quiet and problem.severity != "error":
+        if verbosity.get() is Verbosity.QUIET and problem.severity != "error":
             continue
         line = Text.assemble((f"{problem.severity}: ", SEVERITY_STYLES[problem.severity]))
         if problem.place is not None:
             line.append(f"{one_line(str(problem.place))}: ", style="bold")
         line.append(one_line(problem.message))
-        _put_folded(console, line)
+        _tell(line)
         if problem.excerpt and problem.excerpt.partition("\n")[0].strip():
             for part in problem.excerpt.split("\n"):
-                _put(console, styled(part.expandtabs(), "dim"))
+                _put(diagnostics(), styled(part.expandtabs(), "dim"))
         if problem.mend:
-            _put_folded(console, Text.assemble(("  to mend it: ", "dim"), one_line(problem.mend)))
+            _tell(Text.assemble(("  to mend it: ", "dim"), one_line(problem.mend)))
 
 
-def _put_folded(console: Console, line: Text) -> None:
-    """Print a line, folded between words in a terminal; in a file it stays one, and so does a line with a command."""
+def _tell(line: Text) -> None:
+    """A line on stderr, folded in a terminal; in a file it stays one, and so does a line with a command."""
+    console = diagnostics()
     if not console.is_terminal or _COMMAND.search(line.plain):
         _put(console, line)
-        return
-    for number, part in enumerate(line.wrap(console, max(console.width, LEAST_WIDTH) - 4)):
+    else:
+        _put_folded(console, line, 4)
+
+
+def _put_folded(console: Console, line: Text, indent: int) -> None:
+    """Print a line, folded between words; indent: of all lines but the first."""
+    for number, part in enumerate(line.wrap(console, max(console.width, LEAST_WIDTH) - indent)):
+        part.plain = part.plain.replace(_KEPT, " ")
         part.rstrip()
-        _put(console, Text.assemble("    " * bool(number), part))
+        _put(console, Text.assemble(" " * indent * bool(number), part))
 
 
 def percentage(share: float | None, *, bar: bool) -> Text:

@@ -10,6 +10,7 @@ from itertools import groupby
 from math import ceil, degrees, hypot
 from typing import TYPE_CHECKING, Any
 
+from sqrp_cli.document import how_many
 from sqrp_cli.errors import first_names
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.records import dataclass
@@ -170,10 +171,8 @@ def print_run(found: RunReport) -> None:
             told = f"images can tell it only from {fault.happened:.2f} s on, and its delay counts from there"
             say(f"{label} was asked for{until} at {fault.injected:.2f} s: {told}.")
         if fault.moved_on is not None:
-            say(
-                f"After it had seen {fault.name}, the robot moved on to look for {fault.moved_on:.2f} s: where it was, "
-                "the cameras could not judge whether to try again."
-            )
+            moved = f"After it had seen {fault.name}, the robot moved on to look for {fault.moved_on:.2f} s"
+            say(f"{moved}: where it was, the cameras could not judge whether to try again.")
     if (total := found.total).precision is not None:
         say(f"{total.tp} of {total.tp + total.fp} predicted images showed what they should.")
     for number, step in enumerate(found.steps, 1):
@@ -187,15 +186,11 @@ def print_run(found: RunReport) -> None:
     if found.faults:
         say()
         columns = ("asked\nfor", "came\ntrue", "noticed", "noticed\nafter", "predicted", "reacted", "done")
-        rows = [
-            [
-                found.label_of(fault),
-                *(seconds(t) for t in (fault.injected, fault.happened, fault.detected, fault.delay)),
-                seconds(fault.predicted_delay, "<="),
-                *(seconds(t) for t in (fault.acted, fault.recovered)),
-            ]
-            for fault in found.faults
-        ]
+        rows = []
+        for fault in found.faults:
+            known = map(seconds, (fault.injected, fault.happened, fault.detected, fault.delay))
+            rest = map(seconds, (fault.acted, fault.recovered))
+            rows.append([found.label_of(fault), *known, seconds(fault.predicted_delay, "<="), *rest])
         print_table([Column("fault [s]"), *numbers(*columns)], rows)
     if found.prediction:
         say()
@@ -282,15 +277,13 @@ def print_sweep(found: SweepDocument) -> None:
     if found.runs:
         _print_swept(found)
     if found.interrupted:
-        done = len(found.runs)
-        are = "is" if 1 in (done, found.count) else "are"
-        of_all = f"of {found.count} slip{'' if found.count == 1 else 's'}"
-        say(f"Interrupted: {done} {of_all} {are} finished.", "yellow")
+        done, are = len(found.runs), "is" if 1 in (len(found.runs), found.count) else "are"
+        say(f"Interrupted: {done} of {found.count} slip{'s' * (found.count != 1)} {are} finished.", "yellow")
 
 
 def _print_swept(found: SweepDocument) -> None:
     alone, runs = len(found.steps) == 1, found.runs
-    instants = f"{len(runs)} instant{'' if len(runs) == 1 else 's'}"
+    instants = how_many(runs, "instant")
     step = "" if alone else f"step {found.step}, "
     say(f"{step}{found.steps[found.step - 1]} in {found.workspace}: {found.sweep} at {instants}")
     happened = [run for run in runs if run.happened is not None]
@@ -319,16 +312,10 @@ def _print_swept(found: SweepDocument) -> None:
     elif not found.predictable:
         say("No slip came true.")
     say()
-    rows = [
-        [
-            f"{run.x:.2f}",
-            *(seconds(t) for t in (run.happened, run.detected, run.delay)),
-            seconds(run.predicted_delay, "<="),
-            seconds(run.recovered),
-            run.outcome,
-        ]
-        for run in runs
-    ]
+    rows = []
+    for run in runs:
+        known, most = map(seconds, (run.x, run.happened, run.detected, run.delay)), seconds(run.predicted_delay, "<=")
+        rows.append([*known, most, seconds(run.recovered), run.outcome])
     titles = ("asked for\n[s]", "came true\n[s]", "noticed\n[s]", "noticed\nafter [s]", "predicted\n[s]", "done\n[s]")
     print_table([*numbers(*titles), Column("outcome")], rows)
     if not alone:
@@ -380,10 +367,8 @@ def print_audit(found: AuditDocument) -> None:
             said += f" Images of no camera are on {first_names(topics)}: --topic {found.missing[0]}={topics[0]}"
         say(said, "yellow")
     if found.repeated:
-        say(
-            f"{found.repeated} images are bit by bit the same as the one before them; they count as showing nothing.",
-            "yellow",
-        )
+        same = "images are bit by bit the same as the one before them; they count as showing nothing"
+        say(f"{found.repeated} {same}.", "yellow")
     for number, (whole, t) in enumerate(zip(found.times, found.until, strict=True), 1):
         motion = "the motion" if len(found.steps) == 1 else f"step {number}"
         if t is None:
@@ -417,12 +402,8 @@ def _print_cameras(cameras: Mapping[str, AuditedCamera], *, written: bool) -> No
             turn, turn_error = (degrees(hypot(*v)) for v in (one.pose.turn, one.pose.turn_error))
             shift, shift_error = (1e3 * hypot(*v) for v in (one.pose.shift, one.pose.shift_error))
             style = "red" if one.moved else ""
-            cells = [
-                styled(clock, "red" if one.clock.wrong else ""),
-                styled(f"{turn:.2f} ±{turn_error:.2f}", style),
-                styled(f"{shift:.1f} ±{shift_error:.1f}", style),
-                styled(f"{one.pose.pixels:.1f}", style),
-            ]
+            moves = f"{turn:.2f} ±{turn_error:.2f}", f"{shift:.1f} ±{shift_error:.1f}", f"{one.pose.pixels:.1f}"
+            cells = [styled(clock, "red" * one.clock.wrong), *(styled(text, style) for text in moves)]
         rows.append([name, str(one.images), *cells])
     print_table([Column("camera"), *numbers(*titles)], rows)
     for name, one in cameras.items():

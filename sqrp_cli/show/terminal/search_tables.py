@@ -115,10 +115,8 @@ def _conclude(found: AdviceDocument, *, written: bool) -> tuple[str, str] | None
             command = "To have it, add", f"--apply {found.choice}"
     say(now)
     if found.best is not None and not found.met:
-        say(
-            f"As `rank` and `score` do it, it meets that already: {_in_words(found.best)}. The rest is for "
-            "--ways first, a motion that is planned without a look at the cameras."
-        )
+        already = f"As `rank` and `score` do it, it meets that already: {_in_words(found.best)}."
+        say(f"{already} The rest is for --ways first, a motion that is planned without a look at the cameras.")
     return command
 
 
@@ -330,15 +328,9 @@ def print_variants(found: Sweep) -> None:
         if errors:
             reasons.setdefault(errors[0].reasons[0], []).append(one.rank)
         passed = f"{sum(result.status == 'passed' for result in one.results)} of {len(one.results)}"
-        rows.append(
-            [
-                str(one.rank),
-                *(one.values.get(path, "as it is") for path in paths),
-                *_figures_of(one),
-                f"{one.feasible} of {one.choices}",
-                styled("error", "bold red") if errors else passed,
-            ]
-        )
+        chosen, able = [one.values.get(path, "as it is") for path in paths], f"{one.feasible} of {one.choices}"
+        status = styled("error", "bold red") if errors else passed
+        rows.append([str(one.rank), *chosen, *_figures_of(one), able, status])
     print_table(columns, rows)
     for reason, ranks in reasons.items():
         say(f"{', '.join(f'#{rank}' for rank in ranks)}: {reason}")

@@ -100,9 +100,9 @@ def print_explanation(found: Explanation) -> None:
                 signs = {phase: why.get((atom, camera, phase), "█") for phase in phases}
                 told = (f"{100 * share[one]:.1f} {signs[one]}" if one in share else "" for one in phases)
                 rows.append((says[atom], camera, *told))
-        columns = [Column("seen in each phase\n[%]", shrink=True), Column("camera")]
+        columns = [Column("seen in each phase\n[%]", shrink=True), Column("camera"), *numbers(*phases)]
         say()
-        print_table([*columns, *(Column(one, right=True) for one in phases)], _said_once(rows))
+        print_table(columns, _said_once(rows))
     _print_unseen(found, says)
     if found.free_views is not None:
         say(f"\n{found.free_views.words}", "bold")
@@ -114,12 +114,7 @@ def print_explanation(found: Explanation) -> None:
         say(f"Longest free view of all that must be seen: {longest}.")
     if found.hidden:
         say()
-        columns = [
-            Column("fact", shrink=True),
-            Column("camera"),
-            Column("hidden", right=True),
-            Column("by", shrink=True),
-        ]
+        columns = [Column("fact", shrink=True), Column("camera"), *numbers("hidden"), Column("by", shrink=True)]
         parts = sentences.part_shares_in_words
         rows = [(says[o.literal], o.camera, f"{100 * o.hidden:.1f} %", parts(o.parts)) for o in found.hidden]
         print_table(columns, _said_once(rows))
