@@ -466,6 +466,13 @@ def test_the_page_of_a_ranking_plays_all_steps_and_says_which_is_seen_worst(of_s
     assert names[-1].startswith("2.")
     assert {name for sample in detail["samples"] for name in sample["literals"]} >= {"1.hold(peg2)", "2.inserted(peg2)"}
     assert detail["samples"][-1]["t"] == pytest.approx(detail["time"])
+    # Nothing is said twice: corners of boxes, and objects that never move.
+    boxes = [box for one in detail["samples"] for literal in one["literals"].values() for box in literal["boxes"]]
+    assert {*boxes[0]} == {"cameras"}
+    assert {"socket"} <= {*detail["still"]}
+    assert all({*one["objects"]} == {"peg2"} for one in detail["samples"])
+    named = [one["literals"] for one in detail["formulas"]] + [[one["fault"] or ""] for one in detail["formulas"]]
+    assert {name.removeprefix("not ")[:2] for names in named for name in names} <= {"1.", "2.", ""}
 
 
 def test_the_page_shows_the_steps_above_their_timelines(browser, of_steps):

@@ -62,10 +62,8 @@ def test_robot_parts_and_cameras_are_given_in_full(show):
             assert np.size(part["size"]) == SIZES.get(part["shape"], 1)
             assert np.min(part["size"]) > 0.0
     # Links of the robot are not repeated among the opaque parts.
-    links = {link.get("name") for link in root(show).findall("link")}
     assert not links & {part["name"] for part in show["opaque"]}
     # Cameras are given in full.
-    links = {link.get("name") for link in root(show).findall("link")}
     for camera in show["cameras"].values():
         K = np.array(camera["K"])
         assert K.shape == (3, 3)
