@@ -268,7 +268,10 @@ class Trajectory:
     @classmethod
     def from_numbers(cls, numbers: Mapping[str, Mapping[str, Sequence[Any]]]) -> Trajectory:
         """The trajectory that `to_numbers` wrote."""
-        path, law = ([np.array(numbers[name][key]) for key in ("breaks", "coefficients")] for name in ("path", "law"))
+        path, law = (
+            [np.array(numbers[name][key], dtype=float) for key in ("breaks", "coefficients")]
+            for name in ("path", "law")
+        )
         return cls(JointPath(*path), PiecewiseCubic(*law))
 
 

@@ -7,7 +7,7 @@ camera covers what when, and the world before and after.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field, PlainSerializer, SerializerFunctionWrapHandler, model_serializer
@@ -15,7 +15,7 @@ from pydantic import Field, PlainSerializer, SerializerFunctionWrapHandler, mode
 from sqrp_cli.cell.canonical_values import Plain
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.figures import FaultMetrics, Seconds, Share
-from sqrp_cli.files.entries import Entry, FileRecord, Finite, SerializedAs, refused
+from sqrp_cli.files.entries import Entry, FileRecord, SerializedAs, refused
 from sqrp_cli.files.units import read_quantity
 from sqrp_cli.logic.image_time import Onset, Window, delays
 from sqrp_cli.logic.literal import NOT
@@ -23,46 +23,27 @@ from sqrp_cli.skill.settings import ANY, FASTEST
 from sqrp_cli.skill.target_box import TargetBox, fact_words
 from sqrp_cli.trajectory import Trajectory
 
-Numbers = tuple[Finite, ...]
+Made = TypeVar("Made")
 
 
-class _Path(Entry):
-    """The path in joint space."""
+def _of_arrays(read: Callable[[Mapping[str, Any]], Made]) -> Callable[[Mapping[str, Any]], Made]:
+    """What reads a record of arrays. Raises PydanticCustomError for what it cannot read."""
 
-    breaks: Numbers
-    """Ends of its pieces, from 0 to 1."""
-    coefficients: tuple[tuple[Numbers, ...], ...]
-    """Of each piece, for all joints."""
+    def checked(numbers: Mapping[str, Any]) -> Made:
+        try:
+            return read(numbers)
+        except (LookupError, TypeError, ValueError) as error:
+            message = "expected arrays with one number per joint, every piece with as many, as they were written"
+            raise refused("program-motion", message) from error
 
-
-class _Law(Entry):
-    """How far along its path an arm is over time."""
-
-    breaks: Numbers
-    """Ends of its pieces [s]."""
-    coefficients: tuple[Numbers, ...]
-    """Of each piece."""
-
-
-class _Numbers(Entry):
-    """A `trajectory.Trajectory` as a file has it."""
-
-    path: _Path
-    law: _Law
-
-
-def _trajectory(numbers: _Numbers) -> Trajectory:
-    """The trajectory of numbers. Raises PydanticCustomError where they are no arrays."""
-    try:
-        return Trajectory.from_numbers(numbers.model_dump())
-    except ValueError as error:
-        message = "every coefficient of the path must have one number per joint, every piece as many coefficients"
-        raise refused("program-motion", message) from error
+    return checked
 
 
 _Fault = Annotated[FaultMetrics, PlainSerializer(lambda one: {k: v for k, v in vars(one).items() if k != "why"})]
 """Without the reason why it is noticed late, which is for whoever ranks."""
-_Motion = Annotated[Trajectory, SerializedAs(_Numbers, _trajectory, Trajectory.to_numbers)]
+_Motion = Annotated[
+    Trajectory, SerializedAs(dict[str, dict[str, Any]], _of_arrays(Trajectory.from_numbers), Trajectory.to_numbers)
+]
 
 
 class _Sparse(Entry):
@@ -151,20 +132,11 @@ class ProgramTarget(_Sparse):
     refuted: Mapping[str, Spans] = {}
 
 
-class _Times(Entry):
-    """An `image_time.Onset` as a file has it."""
-
-    x: tuple[Seconds, ...]
-    """From the start of the step [s]."""
-    shown: tuple[Seconds, ...]
-    """Likewise."""
-
-
 _Onset = Annotated[
     Onset,
     SerializedAs(
-        _Times,
-        lambda numbers: Onset(np.array(numbers.x), np.array(numbers.shown)),
+        dict[str, tuple[Seconds, ...]],
+        _of_arrays(lambda times: Onset(np.array(times["x"]), np.array(times["shown"]))),
         lambda onset: {"x": onset.x.tolist(), "shown": onset.shown.tolist()},
     ),
 ]
