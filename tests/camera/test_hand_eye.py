@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rosbags import rosbag1, rosbag2
 
 from sqrp_cli.camera.hand_eye import read_hand_eye
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, rpy_to_matrix
+from sqrp_cli.ros.messages import message_types
 from tests.cells import edit, read_cases, refused
 
 CASES = read_cases("static_transforms.yaml")
@@ -80,28 +82,17 @@ def test_recordings_are_read_as_rosbags_writes_them(tmp_path, kind, whole):
 
 
 def bag(folder: Path, kind: str, all_frames: Sequence[Frames]) -> Path:
-    rosbag1, rosbag2 = pytest.importorskip("rosbags.rosbag1"), pytest.importorskip("rosbags.rosbag2")
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    name = "tf2_msgs/msg/TFMessage"
-    store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
-    store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))
-    types = store.types
-    path = folder / ("recording.bag" if kind == "ros1" else "recording")
-    plugin = getattr(rosbag2.StoragePlugin, kind.upper(), None)
-    writer = rosbag1.Writer(path) if kind == "ros1" else rosbag2.Writer(path, version=9, storage_plugin=plugin)
-    with writer:
-        connection = writer.add_connection("/tf_static", name, typestore=store)
+    """By the writers of rosbags."""
+    name, plugin = "tf2_msgs/msg/TFMessage", getattr(rosbag2.StoragePlugin, kind.upper(), None)
+    types, path = message_types(1 if kind == "ros1" else 2), folder / ("a.bag" if kind == "ros1" else "recording")
+    with rosbag1.Writer(path) if kind == "ros1" else rosbag2.Writer(path, version=9, storage_plugin=plugin) as writer:
+        connection = writer.add_connection("/tf_static", name, typestore=types.store)
         for number, (parent, child, position, quaternion) in enumerate(all_frames):
-            seq = {"seq": 0} if kind == "ros1" else {}
-            stamp = types["builtin_interfaces/msg/Time"](sec=1, nanosec=0)
-            header = types["std_msgs/msg/Header"](stamp=stamp, frame_id=parent, **seq)
-            vector, rotation = (types[f"geometry_msgs/msg/{name}"] for name in ("Vector3", "Quaternion"))
-            transform = types["geometry_msgs/msg/Transform"](vector(*position), rotation(*quaternion))
-            one = types["geometry_msgs/msg/TransformStamped"](header, child, transform)
-            message = types[name](transforms=[one])
-            raw = store.serialize_ros1(message, name) if kind == "ros1" else store.serialize_cdr(message, name)
-            writer.write(connection, number, raw)
+            pairs = {"translation": zip("xyz", position, strict=True), "rotation": zip("xyzw", quaternion, strict=True)}
+            fields = {"header": {"frame_id": parent}, "child_frame_id": child,
+                      "transform": {key: dict(values) for key, values in pairs.items()}}  # fmt: skip
+            one = types.make("geometry_msgs/msg/TransformStamped", **fields)
+            writer.write(connection, number, types.encode(types.make(name, transforms=[one])))
     return path
 
 

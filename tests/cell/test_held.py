@@ -88,16 +88,6 @@ def test_only_the_literal_that_is_looked_for_in_the_tool_says_that_the_tool_hold
     assert lint(workspace) == ()
 
 
-@pytest.mark.parametrize("pose", ["pose: {position: [0.4, 0, 2 cm]}", "pose: {held: +z}"])
-@pytest.mark.parametrize("fact", ["on_table(red)", "hand_empty"])
-def test_facts_against_what_is_held_are_refused_where_they_stand(damaged, pose, fact):
-    problem = refused(loaded, damaged, state=f"  - hold(red)\n  - {fact}", pose=pose)
-    assert problem.code == "contradictory-facts"
-    assert f"the state has `{fact}` and `hold(red)`, but `pickup`" in problem.message
-    assert (problem.place.line, problem.place.column) == (54, 5)
-    assert problem.mend == f"remove `hold(red)` or `{fact}` from the state"
-
-
 def another_skill(cell: Path, name: str, predicates: str, effect: str, edits: dict[str, str]) -> None:
     """Add a skill like `pickup` with another effect on its object."""
     shutil.copytree(cell / "pickup", cell / name)
