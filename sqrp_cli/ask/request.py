@@ -96,9 +96,9 @@ def options(*words: OptionWord, kind: FieldKind, default: Any = None, uses: tupl
     return Field(words, kind, default, uses=uses)
 
 
-def value(kind: FieldKind, *, default: Any) -> Any:
+def value(kind: FieldKind, *, default: Any, absent: Callable[[], Any] | None = None) -> Any:
     """A field that only Python says."""
-    return Field((), kind, default)
+    return Field((), kind, default, absent=absent)
 
 
 @dataclass_transform(

@@ -6,7 +6,8 @@ A command is its question, with what only a command line says: see `cli.command`
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -15,11 +16,10 @@ from sqrp_cli.ask.request import FieldKind, OptionWord, Request, argument, flag,
 from sqrp_cli.errors import bad_option
 
 if TYPE_CHECKING:
-    from contextlib import AbstractContextManager
-
     from sqrp_cli.cell.workspace import World
     from sqrp_cli.logic.planner import Planner
     from sqrp_cli.motion.cell import Cell
+    from sqrp_cli.platform.processes import Progress
     from sqrp_cli.run.record.events import Listener
     from sqrp_cli.score.compute import Means, Workers
     from sqrp_cli.search.goal import Objective
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from sqrp_cli.study.result import Criterion
     from sqrp_cli.study.robustness import Calibration
     from sqrp_cli.study.sampling import Sampling
-
-    Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 
 Ways = Literal["best", "all", "first"]
 Certificates = tuple[Path, Path, Path]
@@ -77,8 +75,12 @@ JOBS: Any = option(
     default=1,
     absent=lambda: os.cpu_count() or 1,
 )
-PROGRESS: Any = value(values.progress, default=values.silent)
-"""Called with a title and a total; gives what is called with how many are done."""
+PROGRESS: Any = value(
+    values.progress,
+    default=values.silent,
+    absent=lambda: import_module("sqrp_cli.show.terminal.console").progress,
+)
+"""Called with a title and a total; gives what is called with how many are done. A command shows it."""
 SAMPLING: Any = options(
     OptionWord("--samples N", "N samples per piece of motion, instead of as many as needed.", int),
     OptionWord("--dt S", "A sample every S seconds, instead of as many as needed."),
@@ -93,6 +95,11 @@ MAX_TIME: Any = option(
 )
 
 
+def _ways(help: str, *more: str, shown: str = "--ways") -> Any:  # noqa: A002, ANN401 - a field, as `option` makes it
+    """Which ways of a candidate count. more: further words than best and first."""
+    return option(shown, help, values.one_of("best", *more, "first", fastest="first"), default="best")
+
+
 # Questions about a task.
 
 
@@ -102,11 +109,8 @@ class TaskRequest(Request):
     task: str = argument(
         "TASK", 'A skill and what to do it with, such as "pickup red screw".', TASK, complete="tasks", kw_only=False
     )
-    ways: Ways = option(
-        "--ways",
-        "best: of all ways of a candidate that which is seen best; first: the first that is found, seen or not.",
-        values.one_of("best", "first", fastest="first"),
-        default="best",
+    ways: Ways = _ways(
+        "best: of all ways of a candidate that which is seen best; first: the first that is found, seen or not."
     )
     after: AnyPath = AFTER
     sampling: Sampling | None = SAMPLING
@@ -138,12 +142,10 @@ class RankRequest(TaskRequest):
         values.one_of("q_eoi", "q_avg", "time", "delay", "expected_time"),
         default="q_eoi",
     )
-    ways: Ways = option(
-        "--ways",
+    ways: Ways = _ways(
         "best: each candidate by the way that is seen best; all: its other ways, too, that none beats in everything; "
         "first: by the first way that is found, seen or not.",
-        values.one_of("best", "all", "first", fastest="first"),
-        default="best",
+        "all",
     )
     calibration: Calibration | None = options(
         OptionWord('--calibration "5 mm, 0.5 deg"', "What if the cameras are off by this (1 sigma)?"),
@@ -165,6 +167,12 @@ class ExplainRequest(TaskRequest):
     """
 
     choose: str | None = CHOOSE._replace(kind=values.choice, kw_only=False)
+    ways: Ways = _ways(
+        "all (also without a value): show the other ways, too, that none beats in everything; first: explain the way "
+        "that is found first, seen or not.",
+        "all",
+        shown="--ways [best|all|first]",
+    )
     step: int | None = option(
         "--step",
         "Of a task of several steps, or of a program: which; by default the one seen worst.",
@@ -198,12 +206,7 @@ class AdviseRequest(TaskRequest):
         values.kinds,
         default=None,
     )
-    ways: Ways = option(
-        "--ways",
-        "first: the motion stays as rank --ways first has it.",
-        values.one_of("best", "first", fastest="first"),
-        default="best",
-    )
+    ways: Ways = _ways("first: the motion stays as rank --ways first has it.")
     choose: str = CHOOSE
     out: AnyPath = OUT
 
@@ -282,12 +285,7 @@ class PlaceRequest(ScoreRequest):
         complete="cameras",
     )
     budget: float | None = option("--budget PRICE", "Most that the cameras may cost.", values.number(0.0), default=None)
-    ways: Ways = option(
-        "--ways",
-        "first: ways stay as rank --ways first has them.",
-        values.one_of("best", "first", fastest="first"),
-        default="best",
-    )
+    ways: Ways = _ways("first: ways stay as rank --ways first has them.")
     mounts: AnyPath = option(
         "--mounts FILE", "Mounts and lenses; by default place.yaml beside the workspace.", values.path, default=None
     )
@@ -345,10 +343,7 @@ class RunRequest(Request):
         return self.film is not None and self.film.suffix.lower() in SUFFIXES
 
     def check_names(self, page: Path | None = None) -> None:
-        """Raises InputError for a name that no film can have, and where two outputs have the same.
-
-        Films are recordings, or MP4 files by a library that writes only to names of UTF-8 text.
-        """
+        """Raises InputError for a name that no film can have, and where two outputs have the same."""
         from sqrp_cli.platform.files import check_distinct
 
         if self.film is not None and not self.is_recording:
@@ -360,7 +355,7 @@ class RunRequest(Request):
                 raise bad_option(f"{found}, which is not UTF-8 text; films are written by a library that needs it")
         check_distinct(self.written(page))
 
-    def check_not_read(self, inputs: Iterable[Path], page: Path | None = None) -> None:
+    def check_not_read(self, inputs: Iterable[Path | None], page: Path | None = None) -> None:
         """Raises InputError where a file to write is also an input; a folder of frames is new or empty."""
         from sqrp_cli.platform.files import check_not_read
 

@@ -205,10 +205,7 @@ def page(value: Path | Words, name: str) -> Path:
 
 @reads(str)
 def calibration(value: Calibration | Words, name: str) -> Calibration:
-    """Standard deviations of camera poses, as a value or in words such as `5 mm, 0.5 deg` with a seed.
-
-    In words each of length and angle has its unit, and either may be left out.
-    """
+    """Standard deviations of camera poses, as a value or in words such as `5 mm, 0.5 deg` with a seed."""
     from sqrp_cli.files.units import ANGLE, LENGTH, read_quantity
     from sqrp_cli.study.robustness import Calibration
 

@@ -81,12 +81,18 @@ class ParsedCommand(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 # its type has no public name
         """Read the words of the command; while they are typed, without an option whose value is still missing.
 
-        Raises InputError for an option without its value that would take the next option for it, and for an empty word
-        where a path is expected, which would be the current folder.
+        An option whose value stands in brackets says `all` where none follows, not even a misspelt one. Raises
+        InputError for another one without its value that would take the next option for it, and for an empty word where
+        a path is expected, which would be the current folder.
         """
+        params: list[Any] = self.get_params(ctx)
+        alone = [one.opts[0] for one in params if (one.metavar or "").startswith("[")]
+        for place in [place for place, word in enumerate(args, 1) if word in alone][::-1]:
+            following = "".join(args[place : place + 1])
+            if not following or following.startswith("-") or " " in following or Path(following).exists():
+                args = [*args[:place], "all", *args[place:]]
         if ctx.resilient_parsing:
             return super().parse_args(ctx, args[:-1] if args and args[-1].startswith("-") else [*args])
-        params: list[Any] = self.get_params(ctx)
         try:
             words, *_ = self.make_parser(ctx).parse_args(list(args))
             options = [one for one in params if one.param_type_name == "option"]
@@ -140,7 +146,7 @@ def _each(value: Any) -> list[Any]:  # noqa: ANN401 # as above
 
 
 def command(
-    name: str, record: type[Request] | None = None, parser: type[ParsedCommand] = ParsedCommand
+    name: str, record: type[Request] | None = None
 ) -> Callable[[Callable[..., ExitCode]], Callable[..., ExitCode]]:
     """Makes a function a command: an option for each word of its request, and of what only a command line says.
 
@@ -165,9 +171,8 @@ def command(
     def made(run: Callable[..., ExitCode]) -> Callable[..., ExitCode]:
         stated = {one.name: one.default for one in inspect.signature(run).parameters.values()}
         own = {name: one for name, one in stated.items() if isinstance(one, Field)}
-        assert record is None or not own.keys() & record.fields, run  # noqa: S101 - a field has one name
-        of_line: Any = type("OfLine", (Request,), dict(own))
-        asked: type[Request] = of_line if record is None else type(record.__name__, (record, of_line), {})
+        of_record = () if record is None else record.own_first
+        asked: type[Request] = type("Asked", (record or Request,), dict(own))  # a field of its own goes first
 
         def called(**words: Any) -> ExitCode:  # noqa: ANN401 - by the words
             # The value of each word by its name is None or empty where it is not said.
@@ -184,14 +189,16 @@ def command(
             return run(*([] if record is None else [ask]), **{name: getattr(ask, name) for name in own})
 
         # Arguments come first, then options, the record's own before those of its bases.
-        arguments = [one for one in asked.fields.values() if any(word.is_argument for word in one.words)]
-        options = [asked.fields[name] for name in asked.own_first if asked.fields[name] not in arguments]
-        parameters = [parameter(word, one) for one in (*arguments, *options) for word in one.words]
+        fields = [asked.fields[name] for name in dict.fromkeys([*own, *asked.fields])]
+        arguments = [one for one in fields if any(word.is_argument for word in one.words)]
+        options = [asked.fields[name] for name in dict.fromkeys([*of_record, *own])]
+        ordered = [*arguments, *(one for one in options if one not in arguments)]
+        parameters = [parameter(word, one) for one in ordered for word in one.words]
         called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         called.__annotations__ = {one.name: one.annotation for one in parameters}
         called.__doc__ = run.__doc__ or (None if record is None else record.__doc__)
         first, _, _ = inspect.cleandoc(called.__doc__ or "").partition("\n\n")  # of `sqrp --help`, whole
-        app.command(name, cls=parser, short_help=first.replace("\n", " "))(called)
+        app.command(name, cls=ParsedCommand, short_help=first.replace("\n", " "))(called)
         return run
 
     return made

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from sqrp_cli.ask.api.cell import OpenCell
 from sqrp_cli.ask.api.program import OpenProgram
@@ -17,25 +17,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
 
-PatchingCommand = Literal["advise", "audit", "calibrate", "place", "score"]
-_PATCHES: Mapping[PatchingCommand, str] = {
-    "advise": "# A change that `sqrp advise` found",
-    "audit": "# Cameras as `sqrp audit` found them",
-    "calibrate": "# Curves that `sqrp calibrate` found",
-    "place": "# Cameras that `sqrp place` found",
-    "score": "# The best variant that `sqrp score --vary` found",
-}
-"""By the commands that write patches, how these begin; `patch` and `git apply` skip it."""
-
-
-def write_patch(path: Path, command: PatchingCommand, patch: str) -> None:
-    """Write the patch that a command found."""
+def write_patch(path: Path, begin: str, patch: str) -> None:
+    """Write a patch that a command found; begin: what it is, in a line that `patch` and `git apply` skip."""
     from sqrp_cli.platform.files import write_atomically
 
-    write_atomically(path, f"{_PATCHES[command]}\n{patch}")
+    write_atomically(path, f"# {begin}\n{patch}")
 
 
 _OWN = {
+    "--patch": ("patch of this program", rb"# [^\n]* `sqrp "),
     "--report": ("page", rb"<!doctype html>"),
     "--save-baseline": ("baseline", rb'\{\s*"format": "sqrp baseline'),
     "--junit": ("JUnit file of `sqrp score`", rb'<\?xml [^>]*>\s*<testsuites name="sqrp score"'),
@@ -47,11 +37,10 @@ _OWN = {
 """By the options that write files: what those are, and how they begin."""
 
 
-def check_outputs(outputs: Mapping[str, Path | None], patch_of: PatchingCommand | None = None) -> None:
+def check_outputs(outputs: Mapping[str, Path | None]) -> None:
     """Raises InputError, before anything is computed, for files, by their options, that cannot be written.
 
-    Nor is one that is there already and that something else wrote, or is none of these: it is left as it is. patch_of:
-    the command that writes --patch.
+    Nor is one that is there already and that something else wrote, or is none of these: it is left as it is.
     """
     from sqrp_cli.platform.files import check_distinct, check_writable
 
@@ -60,11 +49,8 @@ def check_outputs(outputs: Mapping[str, Path | None], patch_of: PatchingCommand 
         if path is None:
             continue
         check_writable(path)
-        what, begin = _OWN.get(option, ("", b""))
-        if option == "--patch" and patch_of is not None:
-            what = "patch that --vary wrote" if patch_of == "score" else f"patch of `sqrp {patch_of}`"
-            begin = re.escape(_PATCHES[patch_of].encode())
-        if begin and path.is_file():
+        if option in _OWN and path.is_file():
+            what, begin = _OWN[option]
             with path.open("rb") as file:
                 first = file.read(1000)
             if (first or option == "--patch") and re.match(begin, first, re.DOTALL) is None:
@@ -84,29 +70,22 @@ def open_with_warnings(path: Path, seed: int = 0) -> OpenCell:
 
 
 def open_to_write(
-    workspace: Path,
-    seed: int,
-    read: Iterable[Path | None],
-    outputs: Mapping[str, Path | None],
-    patch_of: PatchingCommand | None = None,
+    workspace: Path, seed: int, read: Iterable[Path | None], outputs: Mapping[str, Path | None]
 ) -> OpenCell:
     """As `open_with_warnings`, once the files that are written are checked; read: other files that the command reads.
 
-    outputs, patch_of: see `check_outputs`. Raises InputError where a file that is read would be written, too.
+    outputs: see `check_outputs`. Raises InputError where a file that is read would be written, too.
     """
     from sqrp_cli.platform.files import check_not_read
 
-    check_outputs(outputs, patch_of)
+    check_outputs(outputs)
     cell = open_with_warnings(workspace, seed)
     check_not_read(outputs.values(), [*read, *cell.files])
     return cell
 
 
 def read_program(path: Path, seed: int = 0, *, check: bool = True) -> OpenProgram:
-    """Open a program and print the warnings about its workspace. Raises InputError where it cannot be run.
-
-    check: whether it must fit its workspace as that is now.
-    """
+    """Open a program and print warnings of its workspace. check: whether it must fit that as it is now."""
     program = OpenProgram.read(path, seed)
     _print_warnings(program.cell)
     if check:
@@ -151,13 +130,16 @@ def answer(result: Document, *, as_json: bool, **how: bool) -> None:
         result.show(**how)
 
 
-def page_is_written(file: Path, write: Callable[..., None], **how: object) -> bool:
+def page_is_written(file: Path | None, write: Callable[..., None], **how: object) -> bool:
     """Write a page, and show it where the command line says so, or say where it is; returns False if Ctrl-C came first.
 
-    write: takes the file, and the words of the command line, which the page shows. how: what else it takes.
+    file: None if no page is wanted. write: takes the file, and the words of the command line, which the page shows.
+    how: what else it takes.
     """
     from sqrp_cli.show.terminal.console import note
 
+    if file is None:
+        return True
     try:
         write(file, arguments=line.get(), **how)
     except KeyboardInterrupt:

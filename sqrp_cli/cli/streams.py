@@ -61,10 +61,7 @@ def _look_alike(error: UnicodeError) -> tuple[str, int]:
 
 
 class _Output(io.FileIO):
-    """The target of a stream. Its reader may leave early, as `head` does; the command still finishes its work.
-
-    If results cannot be written, ResultsLost is raised once; then the rest is dropped, as on other streams.
-    """
+    """The target of a stream. Its reader may leave early; ResultsLost is raised once, then the rest is dropped."""
 
     def __init__(self, descriptor: int, *, results: bool) -> None:
         super().__init__(descriptor, "w", closefd=False)

@@ -20,10 +20,7 @@ def give_back_memory() -> None:
 
 
 def collect_seldom() -> None:
-    """Run no garbage collection while modules are imported and files are read, and few later.
-
-    Scanning what stays again and again takes a tenth of the time of a short command.
-    """
+    """Collect garbage seldom: to scan what stays again and again takes a tenth of a short command's time."""
     gc.set_threshold(_NEW_OBJECTS)
 
 

@@ -233,10 +233,10 @@ class AdviceDocument(TaskDocument):
     interrupted: bool | None = field(default=None, metadata=LEFT_OUT)
     """True if Ctrl-C came before all kinds were searched."""
 
-    session: Any = live()
-    """The `api.advice.AdvisedCell` that found it, with the workspace file."""
-    start: CandidateResult = live()
-    """What `before` is about."""
+    question: Any = live()
+    """The `question.Question` that it answers."""
+    file: Any = live()
+    """The workspace file."""
 
     @property
     def choice(self) -> int:
@@ -283,6 +283,9 @@ class AdviceDocument(TaskDocument):
         Nothing is written where the file says it already. Raises InputError where it cannot be written, and where the
         file has changed meanwhile; ValueError for advice that was read from a file.
         """
-        if self.session is None:
+        from sqrp_cli.cell.workspace_file import replace_workspace
+
+        if self.question is None:
             raise ValueError("advice that was read has no workspace to write; search again")
-        self.session.write(self.patched(number))
+        if (content := self.patched(number)) != self.file.content:
+            replace_workspace(self.file, content)

@@ -40,10 +40,7 @@ class ArmGuess:
 
 
 def guess_arm(urdf: UrdfModel, tip: str | None = None) -> ArmGuess:
-    """The longest chain of movable joints without those of grippers, or the one that carries a given link.
-
-    Of arms of one length the first. Raises InputError if no joint moves, or there is no such link.
-    """
+    """The longest chain of movable joints without a gripper's, of equals the first, or the one that carries `tip`."""
     others = []
     if tip is not None:
         mend = "name the link that carries the tool: `--tip LINK`, or leave `--tip` out to have it guessed"

@@ -96,11 +96,6 @@ def find_named(name: str, kind: Kind) -> tuple[str, dict[str, str]]:
     raise bad_option(f"`{plain}` is in a package that is not installed, {PIP.get(package, package)}; {here}", mend=how)
 
 
-def is_known(name: str) -> bool:
-    """Whether this is the name of a robot."""
-    return name.lower() in {*ROBOTS, *ROS_ROBOTS}
-
-
 def _installed(stated: str) -> tuple[str, dict[str, str]] | None:
     """The reference and the arguments of an entry; None if there is no such file."""
     path, *words = stated.split()

@@ -6,6 +6,7 @@ A configuration of MoveIt is a package as its setup assistant writes it: `.setup
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -26,8 +27,7 @@ from sqrp_cli.robot.moveit import MoveitLimits, SrdfModel, read_moveit_limits, r
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.robot.robot_xml import RobotSource, named_robot
 from sqrp_cli.robot.urdf import UrdfModel
-from sqrp_cli.starter.by_name import is_known
-from sqrp_cli.starter.layout import PREFIX, file_text
+from sqrp_cli.starter.by_name import ROBOTS, ROS_ROBOTS
 
 _SRDF_FOLDERS = (".", "srdf", "config", "../srdf", "../config")
 """Where the SRDF of a URDF is looked for, relative to its folder."""
@@ -37,6 +37,7 @@ _FOLDERS = ("config", "srdf", "config/srdf", ".")  # where the files of a config
 _WHAT_TO_NAME = "name the package that MoveIt's setup assistant wrote, such as my_arm_moveit_config"
 _TIP_KEYS = ("tip_link", "tip_name", "tip_frame", "kinematics_solver_tip", "kinematics_solver_ik_link")
 """Keys by which solvers of `kinematics.yaml` name the link that they place."""
+PREFIX = "gripper_"  # before the names of a gripper's links and joints, which are often those of the robot
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,8 @@ def _find(robot: OwnRobot, config: MoveitConfig | None) -> tuple[Path, Mapping[s
         if "://" not in robot.urdf and not os.path.isfile(named):  # noqa: PTH113
             problem = missing_file(Path(named))
             by_name = f"name the robot, not a file: `--robot {robot.urdf}`"
-            raise InputError(replace(problem, mend=by_name) if is_known(robot.urdf) else problem)
+            known = robot.urdf.lower() in {*ROBOTS, *ROS_ROBOTS}
+            raise InputError(replace(problem, mend=by_name) if known else problem)
         path = packages.resolve(robot.urdf, Path.cwd(), roots, None).resolve()
         return path, {**(config.arguments if config is not None and config.names(path) else {}), **robot.arguments}
     assert config is not None  # noqa: S101 - a user names one of the two
@@ -228,6 +230,22 @@ def _srdf_of(
         place = Place(next(iter(others.values())))
         warnings.append(Problem("srdf-of-another-robot", message, place, severity="warning", mend=mend))
     return None
+
+
+def file_text(path: str, arguments: Mapping[str, str] | None = None) -> str:
+    """A file, with the arguments of a xacro, as YAML."""
+    if not arguments:
+        return text_in_yaml(path)
+    pairs = ", ".join(f"{text_in_yaml(name)}: {json.dumps(value)}" for name, value in arguments.items())
+    return f"{{xacro: {text_in_yaml(path)}, args: {{{pairs}}}}}"
+
+
+def text_in_yaml(value: str) -> str:
+    """Text as YAML, in quotes where it would be ambiguous."""
+    plain = value[:1].isalpha() or value.startswith(("../", "./", "/"))
+    harmless = all(character.isalnum() or character in "/._-:" for character in value) and not value.endswith(":")
+    words = {"true", "false", "null"}
+    return value if plain and harmless and value.lower() not in words else json.dumps(value, ensure_ascii=False)
 
 
 def _named(path: Path, folder: Path) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import field
@@ -12,6 +11,7 @@ from pathlib import Path
 from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import Array, matrix_to_rpy
 from sqrp_cli.records import dataclass
+from sqrp_cli.starter.description import PREFIX, Description, text_in_yaml
 from sqrp_cli.starter.hand import Grip
 
 TASK, RECORDED = "pickup green", "demo"  # the task of a starter workspace, also of one for a recording
@@ -37,9 +37,7 @@ class Layout:
     """
 
     folder: Path
-    urdf: str  # its key and value, `urdf` or `mjcf`
-    srdf: str | None
-    package_roots: tuple[str, ...]
+    robot: Description
     guessed: bool  # whether the robot is the user's own, so that guesses are marked
     tip: str  # the link of the robot that carries the tool, or grasps itself while there is none
     home: Mapping[str, float]  # of every joint of the arm by name [rad, or m if it `slides`]
@@ -48,7 +46,6 @@ class Layout:
     home_state: str | None = None  # the state of the SRDF that stands for home, if there is one
     lift: float = 0.0  # height of the root link above the table
     X_LT: Array | None = None  # pose of the tool's root in the link `tip`; None while there is no tool of its own
-    gripper: str | None = None  # the URDF of that tool, if it is a gripper; None for a suction cup
     grip: Grip | None = None  # how the fingers grasp, of the gripper or of the robot itself
     table_side: float = 0.0  # of the square table, 0 for none
     table_at: tuple[float, float] = (0.0, 0.0)  # where its middle is, along x and y of the world
@@ -101,8 +98,6 @@ _FINGERS = """\
     width: {width} mm  # check: how wide they open, fingertip to fingertip
 """
 
-PREFIX = "gripper_"  # before the names of a gripper's links and joints, which are often those of the robot
-
 _LENS = """\
     image: {{width: 1280, height: 960, horizontal_fov: 60 deg}}
     near: 5 cm
@@ -119,44 +114,47 @@ _CAMERA = """\
 
 def workspace_text(layout: Layout) -> str:
     """The workspace file. Guesses about a robot of the user's own carry a comment that begins with `check:`."""
-    files, fingers, grip = "", "", layout.grip
-    if layout.srdf is not None:
-        files += f"  srdf: {layout.srdf}  # check: found beside the URDF\n"
-    if layout.package_roots:
-        roots = ", ".join(map(_text, layout.package_roots))
+    files, fingers, grip, robot = "", "", layout.grip, layout.robot
+    gripper = None if layout.X_LT is None else robot.gripper_text  # else a suction cup
+    if robot.srdf_text is not None:
+        files += f"  srdf: {robot.srdf_text}  # check: found beside the URDF\n"
+    if robot.package_roots:
+        roots = ", ".join(map(text_in_yaml, robot.package_roots))
         files += f"  package_roots: [{roots}]  # check: where the package:// of its meshes is looked up\n"
-    if layout.gripper:
+    if gripper:
         files += "  geometry: visual  # check: which shapes are solid and hide things; `collision` is faster\n"
     if grip is not None:
         opened, closed = (
-            "{" + ", ".join(f"{_text(name)}: {_position(at, name in layout.slides)}" for name, at in of.items()) + "}"
+            "{"
+            + ", ".join(f"{text_in_yaml(name)}: {_position(at, name in layout.slides)}" for name, at in of.items())
+            + "}"
             for of in (grip.open, grip.closed)
         )
         fingers = _FINGERS.format(open=opened, closed=closed, width=f"{1000 * grip.width:.1f}")
     if grip is None and layout.X_LT is None:
-        tool = f"  tool_frame: {_text(layout.tip)}\n"
+        tool = f"  tool_frame: {text_in_yaml(layout.tip)}\n"
     elif grip is None and layout.X_LT is not None:
-        tool = _CUP.format(link=_text(layout.tip), pose=_pose(layout.X_LT))
+        tool = _CUP.format(link=text_in_yaml(layout.tip), pose=_pose(layout.X_LT))
     else:
         assert grip is not None  # noqa: S101 - else it is a cup
-        named = f"    urdf: {layout.gripper}\n    prefix: {PREFIX}\n" if layout.gripper else ""
-        tool = "  tool:" + ("" if layout.gripper else "  # check: the hand of the robot")
-        tool += f"\n{named}    link: {_text(layout.tip)}\n"
+        named = f"    urdf: {gripper}\n    prefix: {PREFIX}\n" if gripper else ""
+        tool = "  tool:" + ("" if gripper else "  # check: the hand of the robot")
+        tool += f"\n{named}    link: {text_in_yaml(layout.tip)}\n"
         if layout.X_LT is not None:
             tool += f"    pose: {_pose(layout.X_LT)}  # check: where the gripper begins, its z axis pointing out\n"
         tool += f"    frame: {_pose(grip.X_RT)}  # check: {_FRAME}\n"
-    home = f" {_text(layout.home_state or '')}  # check: where programs start and end; a state of the SRDF"
+    home = f" {text_in_yaml(layout.home_state or '')}  # check: where programs start and end; a state of the SRDF"
     if layout.home_state is None:
         home = "  # check: where programs start and end"
         for name, at in layout.home.items():
-            home += f"\n    {_text(name)}: {_position(at, name in layout.slides)}"
+            home += f"\n    {text_in_yaml(name)}: {_position(at, name in layout.slides)}"
     marked = "# Lines marked `check:` were guessed; `sqrp show` prints what was understood.\n"
     text = _ROBOT.format(
         schema=SCHEMA,
         arm="your arm" if layout.guessed else "a six-axis arm",
         hand="a suction cup" if grip is None else "its gripper",
         marked=marked if layout.guessed else "",
-        urdf=layout.urdf,
+        urdf=f"{'mjcf' if robot.urdf.is_mjcf else 'urdf'}: {robot.urdf_text}",
         files=files,
         lift=_number(layout.lift),
         tool=tool,
@@ -206,22 +204,6 @@ def mounts_text(layout: Layout) -> str:
     (x, y), half = layout.table_at, 0.5 * layout.table_side
     places = [(a, b, half) for b in (1, -1) for a in (-1, 1)] + [(-1, -1, 2 * half), (1, 1, 2 * half)]
     return (_MOUNTS + _LENS).format(*(_vector((x + a * half, y + b * half, height)) for a, b, height in places))
-
-
-def file_text(path: str, arguments: Mapping[str, str] | None = None) -> str:
-    """A file, with the arguments of a xacro, as YAML."""
-    if not arguments:
-        return _text(path)
-    pairs = ", ".join(f"{_text(name)}: {json.dumps(value)}" for name, value in arguments.items())
-    return f"{{xacro: {_text(path)}, args: {{{pairs}}}}}"
-
-
-def _text(value: str) -> str:
-    """Text as YAML, in quotes where it would be ambiguous."""
-    plain = value[:1].isalpha() or value.startswith(("../", "./", "/"))
-    harmless = all(character.isalnum() or character in "/._-:" for character in value) and not value.endswith(":")
-    words = {"true", "false", "null"}
-    return value if plain and harmless and value.lower() not in words else json.dumps(value, ensure_ascii=False)
 
 
 def _position(at: float, slides: bool) -> str:

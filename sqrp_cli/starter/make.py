@@ -89,12 +89,9 @@ def make_starter(
         with naming(folder, "this folder cannot be made"):
             if recording is None:
                 shutil.copytree(SHIPPED / SKILL, draft / SKILL)
-            (draft / "robots").mkdir(parents=True)
-            (draft / SCHEMA).parent.mkdir()
+            (draft / SCHEMA).parent.mkdir(parents=True)
             (draft / SCHEMA).write_text(schema, encoding="utf-8")
-            for file in (SUCTION_CUP, *([OWN_ARM] if robot is None else [])):
-                shutil.copyfile(SHIPPED / file, draft / file)
-            own = robot if isinstance(robot, OwnRobot) else OwnRobot(robot or str(draft / OWN_ARM))
+            own = robot if isinstance(robot, OwnRobot) else OwnRobot(robot or str(_shipped(OWN_ARM, draft)))
             described = describe_robot(own, draft)
             layout = _filled(draft, described, tip, advance, guessed=robot is not None, recording=recording)
             if not folder.exists():
@@ -122,9 +119,7 @@ def _filled(
     arm = guess_arm(description.urdf, tip or description.tip)
     layout = Layout(
         folder=draft,
-        urdf=f"{'mjcf' if description.urdf.is_mjcf else 'urdf'}: {description.urdf_text}",
-        srdf=description.srdf_text,
-        package_roots=description.package_roots,
+        robot=description,
         guessed=guessed,
         limits=_limits_text(description),
         tip=arm.tip,
@@ -133,7 +128,7 @@ def _filled(
         slides=frozenset(joint.name for joint in arm.joints if joint.type == "prismatic"),
     )
     if recording is not None:
-        layout = _with_hand(layout, description, arm, _load(layout))
+        layout = _with_hand(layout, arm, _load(layout))
         file_name = json.dumps(os.path.relpath(recording, draft.parent / "any"), ensure_ascii=False)
         best = with_recording(layout, _load(layout), recording, file_name)
         (draft / "place.yaml").write_text(mounts_text(best), encoding="utf-8")
@@ -143,7 +138,7 @@ def _filled(
             doubts = motion.reasons if isinstance(motion, Infeasible) else motion.doubts
             told += [f"{candidate.name}: {one}" for one in doubts]
         return replace(best, told=tuple(told), warnings=(*description.warnings, *workspace.warnings, *lint(workspace)))
-    tried = _tried(layout, description, arm, advance)
+    tried = _tried(layout, arm, advance)
     best = max((layout for layout, _ in tried), key=lambda layout: len(layout.cubes))  # of equals the least lifted
     states = description.srdf.states if description.srdf else {}
     whole = [name for name, positions in states.items() if best.home.keys() <= positions.keys()]
@@ -155,10 +150,6 @@ def _filled(
                 best = named
                 break
     warnings = [*description.warnings]
-    if best.grip is not None:
-        (draft / SUCTION_CUP).unlink()
-        with suppress(OSError):  # the shipped arm is beside it
-            (draft / SUCTION_CUP).parent.rmdir()
     if arm.others:
         message = f"the robot has several arms, and the one that carries `{arm.tip}` is taken"
         mend = "another one: " + " or ".join(f"`--tip {name}`" for name in arm.others)
@@ -180,34 +171,24 @@ def _cube_size(reach: float, grip: Grip | None) -> float:
     return max(min(max(round(reach / 20, 2), smallest), round(largest, 3)), SMALLEST_CUBE)
 
 
-def _with_hand(layout: Layout, description: Description, arm: ArmGuess, bare: Cell) -> Layout:
+def _with_hand(layout: Layout, arm: ArmGuess, bare: Cell) -> Layout:
     """The layout with what grasps: the gripper that is named, else the hand of the robot, else a suction cup."""
-    gripper, seat = description.gripper, search.tool_seat(bare, arm)
-    if gripper is None:
-        root, carried, out, joints = arm.tip, arm.carried, arm.out, description.urdf.movable_joints
-    else:
-        root, carried, out, joints = (
-            gripper.root,
-            tuple(gripper.links),
-            np.array([0.0, 0.0, 1.0]),
-            gripper.movable_joints,
-        )
-        if own := driven_joints(description.urdf.movable_joints, arm.carried):
-            message = (
-                f"`{description.urdf.name}` has a hand, which `{own[0].name}` moves; a second one does not fit on it"
-            )
+    robot, gripper, seat = layout.robot.urdf, layout.robot.gripper, search.tool_seat(bare, arm)
+    root, carried, out, joints = arm.tip, arm.carried, arm.out, robot.movable_joints
+    if gripper is not None:
+        if own := driven_joints(joints, carried):
+            message = f"`{robot.name}` has a hand, which `{own[0].name}` moves; a second one does not fit on it"
             raise bad_option(message, mend="leave `--gripper` out, or name a URDF of the arm without its hand")
-        layout = replace(layout, gripper=description.gripper_text, X_LT=seat)
+        root, carried, joints = gripper.root, tuple(gripper.links), gripper.movable_joints
+        layout, out = replace(layout, X_LT=seat), np.array([0.0, 0.0, 1.0])
     driven, size = driven_joints(joints, carried), max(_cube_size(search.arm_reach(bare.model), None), COMMON_PART)
     if driven:
         slides = {*layout.slides, *(joint.name for joint in driven if joint.type == "prismatic")}
         lower, upper = {}, {}  # in whole tenths of degrees or millimetres, as the file has them
         for joint in driven:
             step = 1e-4 if joint.name in slides else radians(0.1)
-            lower[joint.name], upper[joint.name] = (
-                ceil(joint.lower / step - 1e-6) * step,
-                floor(joint.upper / step + 1e-6) * step,
-            )
+            lower[joint.name] = ceil(joint.lower / step - 1e-6) * step
+            upper[joint.name] = floor(joint.upper / step + 1e-6) * step
         layout = replace(layout, grip=Grip(lower, upper, SMALLEST_CUBE, np.eye(4)), slides=frozenset(slides))
         grip = find_grip(_load(layout), root, carried, out, size)
         if grip is not None:
@@ -217,12 +198,17 @@ def _with_hand(layout: Layout, description: Description, arm: ArmGuess, bare: Ce
     if gripper is not None:
         message = f"`{gripper.name}` has no fingers that SQRP understands: one or two joints that close on something"
         raise bad_input("no-gripper", message, gripper.links[gripper.root].place, mend=_MEND_GRIPPER)
+    _shipped(SUCTION_CUP, layout.folder)
     return replace(layout, X_LT=seat, grip=None)
 
 
-def _tried(
-    layout: Layout, description: Description, arm: ArmGuess, advance: Callable[[int], object]
-) -> list[tuple[Layout, str]]:
+def _shipped(robot: str, folder: Path) -> Path:
+    """A robot that comes with this program, copied into a workspace."""
+    (folder / robot).parent.mkdir(parents=True, exist_ok=True)
+    return Path(shutil.copyfile(SHIPPED / robot, folder / robot))
+
+
+def _tried(layout: Layout, arm: ArmGuess, advance: Callable[[int], object]) -> list[tuple[Layout, str]]:
     """What the arm can do with a tool from one stand after the other, until there is enough; and why not more.
 
     A layout with home position, reachable cubes and cameras, as far as they are found, for each stand.
@@ -230,7 +216,7 @@ def _tried(
     bare, ways = _load(layout), list[tuple[Layout, Cell, Array]]()
     # Where the tool never points down, its frame may be upside down, or a limit of the wrist rounded.
     for out, limits in ((arm.out, ""), (-arm.out, ""), (arm.out, TOLERANT)):
-        found = _with_hand(replace(layout, limits=layout.limits + limits), description, replace(arm, out=out), bare)
+        found = _with_hand(replace(layout, limits=layout.limits + limits), replace(arm, out=out), bare)
         seated = _load(found)
         ways.append((found, seated, search.places_pointing_down(seated.model)))
         if len(ways[-1][2]):

@@ -217,7 +217,7 @@ def play(file: Path, faults: Sequence[str], seed: int, pipe: Connection) -> None
     opened = open_program(file, seed=seed)
     watching = _Watching(pipe, file, [*faults])
     tell(pipe, "run-began", file=str(file), cameras=list(opened.workspace.cameras), faults=list(faults))
-    run = opened.run_into(RunRequest(faults, listeners=[watching]), screen=watching, spectator=watching)
+    run = opened.run_into(RunRequest(faults, listeners=[watching]), spectator=watching)
     if watching.wants_slip():
         watching.told("slip", TOO_LATE)
     told = [

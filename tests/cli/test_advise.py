@@ -373,18 +373,6 @@ def test_the_page_shows_the_changed_camera_and_the_moved_part(browser, others, p
     opened.context.close()
 
 
-def test_where_no_change_is_needed_the_page_shows_the_candidate(sqrp, watch, tmp_path):
-    page = tmp_path / "page.html"
-    command = ("advise", watch, "watch green", "--want", "q_avg 0 %")
-    outcome = sqrp(*command, "--report", page)
-    assert outcome.code == 0
-    assert outcome.out == sqrp(*command).out
-    overview = carried(page, "overview")
-    assert overview["summary"].endswith(" is to have time seen 0 %: that is met already.")
-    assert [row["name"] for row in overview["entries"]] == ["as it is"]
-    assert [row["reasons"] for row in overview["entries"]] == [[]]
-
-
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_an_interrupted_search_goes_on_with_the_kinds_that_are_missing(sqrp, watch, tmp_path, monkeypatch):
     """With the same bytes as without; damaged files are searched again, and other goals are others."""

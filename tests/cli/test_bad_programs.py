@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import random
 import re
 import shlex
 import shutil
@@ -63,20 +61,6 @@ def test_a_damaged_program_is_refused_with_place_and_reason(laying, sound, works
         assert fragment in first.message
     if "line" in case:
         assert case["line"] in path.read_text(encoding="utf-8").splitlines()[first.place.line - 1]
-    path.unlink()
-
-
-def test_random_damage_loads_or_is_an_input_error(laying, sound, workspace):
-    original = sound.read_text(encoding="utf-8")
-    path = laying / "random.yaml"
-    rng = random.Random(0)  # noqa: S311
-    for _ in range(50):
-        start = rng.randrange(len(original))
-        end = min(len(original), start + rng.choice([1, 1, 2, 8, 40]))
-        patch = rng.choice(["", original[start:end] * 2, rng.choice("{}[]()<>:,'-&*#\t\n9"), "-1", "1e300", "null"])
-        path.write_text(original[:start] + patch + original[end:], encoding="utf-8")
-        with contextlib.suppress(InputError):
-            check_program(load_program(path), path, workspace)
     path.unlink()
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import subprocess
 import sys
@@ -13,6 +12,7 @@ from typing import Any
 import pytest
 import yaml
 
+from sqrp_cli.show.pages.assembly import tidy
 from tests.cells import copied, edit
 from tests.random_cell import Crowd, random_cell
 
@@ -35,23 +35,6 @@ def many_objects(folder) -> None:
     facts = "".join(f"in_place({name}), faces({name}), " for name in names)
     text = text.replace("  stray:", things + "  stray:").replace("state: [", f"state: [{facts}")
     file.write_text(text, encoding="utf-8")
-
-
-def assert_close(first: Any, second: Any, tolerance: float, where: str = "") -> None:
-    """Equal documents, numbers up to a tolerance."""
-    assert type(first) is type(second), where
-    if isinstance(first, dict):
-        assert list(first) == list(second), where
-        for name in first:
-            assert_close(first[name], second[name], tolerance, f"{where}.{name}")
-    elif isinstance(first, list):
-        assert len(first) == len(second), where
-        for index, (one, other) in enumerate(zip(first, second, strict=True)):
-            assert_close(one, other, tolerance, f"{where}[{index}]")
-    elif isinstance(first, float):
-        assert math.isclose(first, second, rel_tol=0.0, abs_tol=tolerance), f"{where}: {first} {second}"
-    else:
-        assert first == second, where
 
 
 @pytest.fixture
@@ -148,7 +131,7 @@ def test_the_order_of_cameras_and_objects_changes_no_figure(rank_changed):
     assert {name: before[name]["rank"] for name in before} == {name: after[name]["rank"] for name in after}
     for name, candidate in before.items():
         for figure in ("time", "q_avg", "q_eoi", "faults", "states", "reasons", "pareto"):
-            assert_close(after[name][figure], candidate[figure], 1e-12, f"{name}.{figure}")
+            assert tidy(after[name][figure], 12) == tidy(candidate[figure], 12), (name, figure)
 
 
 def test_a_camera_less_never_shows_more(rank_changed):

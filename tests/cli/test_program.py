@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import errno
-import os
 import shutil
 import stat
 from pathlib import Path
@@ -252,23 +250,6 @@ def test_a_program_that_changes_while_its_next_step_is_computed_is_left_as_it_is
     assert "another command has changed this program meanwhile: it ends with step 1, pickup g2, and `pickup g5`" in told
     assert "with another file after --program both are kept" in told
     assert path.read_text() == other.read_text()
-
-
-@pytest.mark.parametrize("call", ["fsync", "replace"])
-def test_a_write_that_fails_leaves_the_old_program_as_it_was(sqrp, folder, monkeypatch, call):
-    path = folder / "program.yaml"
-    before = path.read_bytes()
-
-    def full(*_: object, **__: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(os, call, full)
-    monkeypatch.setattr(Path, "replace", full) if call == "replace" else None
-    outcome = sqrp("rank", folder / "watch", "watch high", "--program", path)
-    assert outcome.code == 2
-    assert "No space left" in outcome.err
-    assert path.read_bytes() == before
-    assert sorted(folder.iterdir()) == [path, folder / "watch"]
 
 
 def test_a_program_of_a_version_that_knew_no_usual_images_is_not_taken_for_edited(program, tmp_path):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import io
 import os
 import pty
 import signal
@@ -13,7 +12,6 @@ import time
 
 import pytest
 
-from sqrp_cli.cli.commands import program_new
 from sqrp_cli.program.file import load_program
 
 
@@ -22,25 +20,6 @@ def file(laying):
     path = laying / "dialog.yaml"
     yield path
     path.unlink(missing_ok=True)
-
-
-@pytest.mark.usefixtures("heeded_ctrl_c")
-def test_what_was_chosen_is_saved_before_the_next_question(sqrp, laying, file, monkeypatch):
-    ask = program_new.ask
-    monkeypatch.setattr(sys, "stdin", io.StringIO(f"2\n1\n{file}\n"))
-
-    def interrupted(question: str) -> str:
-        if question.startswith("Step 2"):
-            assert len(load_program(file).steps) == 1
-            signal.raise_signal(signal.SIGINT)
-        return ask(question)
-
-    monkeypatch.setattr(program_new, "ask", interrupted)
-    outcome = sqrp("program", "new", laying)
-    assert outcome.code == 130
-    assert "1 step" in outcome.err
-    assert "Traceback" not in outcome.err
-    assert [step.short_task for step in load_program(file).steps] == ["pickup g2"]
 
 
 class Terminal:

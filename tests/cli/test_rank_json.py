@@ -73,7 +73,6 @@ def test_the_reason_of_g6_says_by_how_much_it_is_out_of_reach_and_moving_it_by_l
     assert figure is not None
     assert figure > 0.0
     # Moving an object by less than it is too far does not help.
-    figure = missing_reach(ranked.document["candidates"][-1])
     x, y, z = tabletop_cell["objects"]["g6"]["pose"]["position"]
     away = math.hypot(x, y)
     closer = 0.9 * (figure - 0.005)  # the figure is rounded

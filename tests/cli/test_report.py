@@ -88,16 +88,6 @@ def test_the_page_is_one_small_file_that_names_no_other_place(written):
     assert len(text) - sum(details) + 200 * max(details) < 25e6
 
 
-def test_the_same_page_comes_out_again_however_many_processes_there_are(sqrp, watch, tmp_path):
-    path = tmp_path / "page.html"
-    pages = []
-    for jobs in (1, 2):
-        assert sqrp("rank", watch, "watch cube", "--report", path, "--jobs", jobs).code == 0
-        text = path.read_text(encoding="utf-8")
-        pages.append(re.sub(r'id="overview">[^<]*<', "", text))  # it has the command in it
-    assert pages[0] == pages[1]
-
-
 def test_a_missing_library_is_named_with_the_command_that_installs_it(sqrp, watch, tmp_path, monkeypatch):
     real = assembly.find_spec
     monkeypatch.setattr(assembly, "find_spec", lambda name: None if name == "fast_simplification" else real(name))

@@ -46,16 +46,17 @@ def test_only_an_executable_file_gets_the_run_bit(tmp_path: Path) -> None:
     assert os.access(tmp_path / "script", os.X_OK)
 
 
+@pytest.mark.parametrize("call", ["fsync", "replace"])
 def test_a_failure_leaves_the_old_file_and_says_which_could_not_be_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
 ) -> None:
     path = tmp_path / "program.yaml"
     path.write_text("old")
 
-    def fail(_descriptor: int) -> None:
+    def fail(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(os, "fsync", fail)
+    monkeypatch.setattr(*((os, "fsync") if call == "fsync" else (Path, "replace")), fail)
     with pytest.raises(InputError, match="No space left on device") as caught:
         write_atomically(path, "new")
     assert caught.value.problems[0].place == Place(path)

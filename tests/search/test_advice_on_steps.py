@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sqrp_cli.ask.api.advice import changed_file
 from sqrp_cli.ask.api.cell import OpenCell
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.geometry import displacement
@@ -101,7 +102,7 @@ def test_the_nearest_way_says_what_each_step_does_and_its_task_has_it_alone(
     assert "step 1 " in nearest.words
     assert ", step 2 " in nearest.words
     assert nearest.limit.startswith("step ")
-    changed = load_workspace(CELL, advice.session.changed(nearest.proposed))
+    changed = load_workspace(CELL, changed_file(advice.question, advice.file, nearest.proposed))
     assert changed.tasks[-1].steps[1].startswith("insert peg2 socket")
     (candidate,) = read_task(changed.tasks[-1].task, changed).candidates
     assert {**candidate.all_parameters, **nearest.proposed.parameters} == candidate.all_parameters

@@ -145,15 +145,6 @@ def test_where_no_frame_says_which_way_a_wrist_points_its_shape_does(tmp_path: P
     assert "pose: {position: [0.127, 0, 0], rpy: [90 deg, 0 deg, 90 deg]}" in written
 
 
-def test_shapes_without_size_are_left_out_with_one_warning(tmp_path: Path) -> None:
-    urdf = solid(tmp_path, "flat", FEW_AXES["gantry"])
-    urdf.write_text(urdf.read_text().replace('size="0.05 0.05 0.06"', 'size="0.05 0 0.06"', 1))
-    model = read_urdf(urdf)
-    (warning,) = [problem for problem in model.warnings if problem.code == "no-size"]
-    assert "`base`" in warning.message
-    assert [name for name, link in model.links.items() if not link.collision] == ["base"]
-
-
 def test_where_nothing_is_in_reach_the_first_check_that_fails_is_named_with_its_figure(tmp_path: Path) -> None:
     made = make_starter(tmp_path / "cell", str(solid(tmp_path, "short", FEW_AXES["SCARA"][:1])))
     (warning,) = [problem for problem in made.warnings if problem.code == "nothing-in-reach"]

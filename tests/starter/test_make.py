@@ -102,24 +102,6 @@ def test_nothing_of_the_robot_reaches_beyond_the_tool_frame_along_its_axis(cell:
             assert center[2] < 0.0, link
 
 
-def test_every_motion_keeps_limits_and_distance(cell: Cell, motions: dict[str, Motion]) -> None:
-    """Velocity, acceleration, jerk and position at every millisecond; contacts at every 4 ms."""
-    model = cell.model
-    motion = next(iter(motions.values()))
-    for primitive in motion.primitives:
-        t = np.arange(0, primitive.end - primitive.start, 1e-3)
-        for order, name in ((1, "velocity"), (2, "acceleration"), (3, "jerk")):
-            limit = np.concatenate([getattr(part, name) for part in (model, model.fingers)])
-            assert (np.abs(primitive.trajectory.motion(t, order)[order]) <= limit * (1 + 1e-9)).all(), primitive.name
-        q = primitive.trajectory.positions(t)
-        span = model.position_limits
-        assert ((q >= span.lower - 1e-6) & (q <= span.upper + 1e-6)).all()
-        if primitive.name in ("a1", "a2"):
-            allowed = frozenset({("g1", link) for link in model.tool_links} if primitive.name == "a2" else ())
-            scene = cell.collision.placed(cell.initial_world, allowed)
-            assert set(scene.check_all(q[::4])) <= {None}, primitive.name
-
-
 def test_the_cameras_see_all_that_matters_in_one_way_at_least(cell: Cell) -> None:
     found = []
     for candidate in read_task("pickup green", cell.workspace).candidates:

@@ -5,26 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sqrp_cli.ask.api.session import Session, assess, check_choice, choose_candidate
 from sqrp_cli.cell.edits import stated_look_at, with_camera, with_further_camera, with_pose, with_task
-from sqrp_cli.cell.workspace_file import read_again, replace_workspace
+from sqrp_cli.cell.workspace_file import read_again
 from sqrp_cli.checks.lint import assumptions
 from sqrp_cli.errors import InputError, bad_option
 from sqrp_cli.figures import AdvisedFigures
 from sqrp_cli.files.source import SourceDocument
 from sqrp_cli.files.yaml_edit import patch
 from sqrp_cli.geometry import inverse, read_only
-from sqrp_cli.records import dataclass
 from sqrp_cli.score.kept import Results, kept_search
 from sqrp_cli.search.advice_result import AdviceDocument, AdviceFound, KindOutcome
 from sqrp_cli.search.advise import outcomes
 from sqrp_cli.search.aiming import Aim
-from sqrp_cli.search.goal import KINDS, Goal, goal_of, read_goal
+from sqrp_cli.search.goal import KINDS, goal_of, read_goal
 from sqrp_cli.search.question import ProposedChange, Question, TaskWays, figures_of, is_fastest
 from sqrp_cli.search.suggestion import Suggester, with_first_steps
 from sqrp_cli.study.find import Plans
@@ -38,6 +37,7 @@ from sqrp_cli.task.task import Candidate, in_words, read_task
 
 if TYPE_CHECKING:
     from sqrp_cli.ask.requests import AdviseRequest
+    from sqrp_cli.cell.workspace import Workspace
     from sqrp_cli.motion.cell import Cell
     from sqrp_cli.skill.settings import MotionValue
 
@@ -45,79 +45,61 @@ if TYPE_CHECKING:
 _THRESHOLDS = ("min_q_eoi", "min_q_avg", "max_time", "max_delay")  # of a task in a workspace
 
 
-@dataclass(frozen=True, eq=False)
-class AdvisedCell:
-    """A cell whose workspace file changes may be written into."""
+def changed_file(question: Question, file: SourceDocument, change: ProposedChange) -> bytes:
+    """The workspace file with a change. Raises InputError for what it does not say itself."""
+    workspace = question.cell.workspace
+    if change.unwritten:
+        raise bad_option(change.unwritten)
+    if change.parameters is not None:
+        own = _key(question.best.candidate)
+        listed = ((one.task, read_task(one.task, workspace).candidates) for one in workspace.tasks)
+        alone = next((text for text, candidates in listed if list(map(_key, candidates)) == [own]), None)
+        goal = question.goal
+        figures = zip(_THRESHOLDS, (goal.q_eoi, goal.q_avg, goal.time, goal.delay), strict=True)
+        thresholds = {name: value for name, value in figures if value is not None}
+        text = _task_of_way(workspace, question.best.candidate, change.parameters)
+        return with_task(file, text, thresholds, instead_of=alone)
+    if change.X_WO is not None:
+        stated = workspace.objects[change.target]
+        now = question.world.X_WO.get(change.target)
+        if stated.X_WO is None or now is None or not np.array_equal(stated.X_WO, now):
+            message = f"the program before has moved `{change.target}`, so its place is no line of the workspace"
+            raise bad_option(message, mend="change the program that puts it there")
+        return with_pose(file, ("objects", change.target, "pose"), change.X_WO @ inverse(stated.X_FO))
+    camera, aim = change.camera, change.aim
+    assert camera is not None and aim is not None  # noqa: S101, PT018 - nothing else is left to change
+    present = workspace.cameras.get(camera.name)
+    if present is not None:
+        return with_camera(file, present, camera, aim.point)
+    return with_further_camera(file, camera, change.lens_of, aim.point)
 
-    session: Session
-    content: bytes | None  # the text of the workspace file where it was not read from the disk
-    goal: Goal
-    candidate: Candidate  # that advice is about
 
-    @cached_property
-    def file(self) -> SourceDocument:
-        """The workspace file. Raises InputError where it has changed since it was read."""
-        workspace = self.session.cell.workspace
-        return read_again(workspace.whole_file.file, workspace.files["workspace"].digest, self.content)
+def _task_of_way(workspace: Workspace, candidate: Candidate, parameters: Mapping[str, MotionValue]) -> str:
+    """The text of a task that says a way of a candidate, and has this candidate alone."""
+    texts = []
+    for number, step in enumerate(candidate.steps or (candidate,), 1):
+        own, text = parameters, step.task
+        if candidate.steps:
+            start = f"{number}."
+            own = {name.removeprefix(start): one for name, one in parameters.items() if name.startswith(start)}
+        if any(one.binding != step.binding for one in read_task(text, workspace).candidates):
+            text = " ".join([step.skill.name, *(f"{name}={one}" for name, one in step.binding.items())])
+        unsaid = [one.all_parameters for one in read_task(text, workspace).candidates]
+        stated = {name: value for name, value in own.items() if any(one.get(name) != value for one in unsaid)}
+        said = in_words(step.skill, stated)
+        texts.append(" ".join([text, *(f"{name}={value.replace(' ', '')}" for name, value in said.items())]))
+    return THEN.join(texts)
 
-    def write(self, content: bytes) -> None:
-        """Write the workspace file, unless it says that already. Raises InputError where it cannot be written."""
-        if content != self.file.content:
-            replace_workspace(self.file, content)
 
-    def with_patch(self, one: AdviceFound) -> AdviceFound:
-        """An advice with the workspace file that says it, and the difference; or why none does."""
-        try:
-            content = self.changed(one.proposed)
-        except InputError as error:
-            return replace(one, content=error, unwritten=error.problems[0].message)
-        if content == self.file.content:
-            return replace(one, content=content, unwritten="the workspace says it already")
-        return replace(one, content=content, patch=patch(self.file, content))
-
-    def changed(self, change: ProposedChange) -> bytes:
-        """The workspace file with a change. Raises InputError for what it does not say itself."""
-        workspace = self.session.cell.workspace
-        if change.unwritten:
-            raise bad_option(change.unwritten)
-        if change.parameters is not None:
-            own = _key(self.candidate)
-            listed = ((one.task, read_task(one.task, workspace).candidates) for one in workspace.tasks)
-            alone = next((text for text, candidates in listed if list(map(_key, candidates)) == [own]), None)
-            goal = self.goal
-            figures = zip(_THRESHOLDS, (goal.q_eoi, goal.q_avg, goal.time, goal.delay), strict=True)
-            thresholds = {name: value for name, value in figures if value is not None}
-            return with_task(self.file, self._task(change.parameters), thresholds, instead_of=alone)
-        if change.X_WO is not None:
-            stated = workspace.objects[change.target]
-            now = self.session.job.world.X_WO.get(change.target)
-            if stated.X_WO is None or now is None or not np.array_equal(stated.X_WO, now):
-                message = f"the program before has moved `{change.target}`, so its place is no line of the workspace"
-                raise bad_option(message, mend="change the program that puts it there")
-            return with_pose(self.file, ("objects", change.target, "pose"), change.X_WO @ inverse(stated.X_FO))
-        camera, aim = change.camera, change.aim
-        assert camera is not None and aim is not None  # noqa: S101, PT018 - nothing else is left to change
-        present = workspace.cameras.get(camera.name)
-        if present is not None:
-            return with_camera(self.file, present, camera, aim.point)
-        return with_further_camera(self.file, camera, change.lens_of, aim.point)
-
-    def _task(self, parameters: Mapping[str, MotionValue]) -> str:
-        """The text of a task that says a way, and has this candidate alone."""
-        texts = []
-        for number, step in enumerate(self.candidate.steps or (self.candidate,), 1):
-            own = parameters
-            if self.candidate.steps:
-                start = f"{number}."
-                own = {name.removeprefix(start): one for name, one in parameters.items() if name.startswith(start)}
-            text, workspace = step.task, self.session.cell.workspace
-            if any(one.binding != step.binding for one in read_task(text, workspace).candidates):
-                text = " ".join([step.skill.name, *(f"{name}={one}" for name, one in step.binding.items())])
-            unsaid = [one.all_parameters for one in read_task(text, workspace).candidates]
-            stated = {name: value for name, value in own.items() if any(one.get(name) != value for one in unsaid)}
-            said = in_words(step.skill, stated)
-            texts.append(" ".join([text, *(f"{name}={value.replace(' ', '')}" for name, value in said.items())]))
-        return THEN.join(texts)
+def _with_patch(question: Question, file: SourceDocument, one: AdviceFound) -> AdviceFound:
+    """An advice with the workspace file that says it, and the difference; or why none does."""
+    try:
+        content = changed_file(question, file, one.proposed)
+    except InputError as error:
+        return replace(one, content=error, unwritten=error.problems[0].message)
+    if content == file.content:
+        return replace(one, content=content, unwritten="the workspace says it already")
+    return replace(one, content=content, patch=patch(file, content))
 
 
 def find_advice(cell: Cell, ask: AdviseRequest, content: bytes | None = None) -> AdviceDocument:
@@ -133,7 +115,6 @@ def find_advice(cell: Cell, ask: AdviseRequest, content: bytes | None = None) ->
     with closing(Results(ask.out)) as results:
         question = _question(session, ask)
         goal, best = question.goal, question.best
-        advised = AdvisedCell(session, content, goal, best.candidate)
         found = AdviceDocument(
             workspace=workspace.name,
             task=session.task.text,
@@ -146,8 +127,7 @@ def find_advice(cell: Cell, ask: AdviseRequest, content: bytes | None = None) ->
             ways="first" if question.fixed else "best",
             starts_fastest=is_fastest(question.before),
             assumed=assumptions(workspace, best.candidate.binding.values()),
-            session=advised,
-            start=question.before,
+            question=question,
         )
         if found.met:
             return found
@@ -162,10 +142,15 @@ def find_advice(cell: Cell, ask: AdviseRequest, content: bytes | None = None) ->
                     advance(1)
         except KeyboardInterrupt:
             interrupted = True
-    advice = tuple(advised.with_patch(one) for outcome in came for one in outcome.advice)
+    advice, file = tuple(one for outcome in came for one in outcome.advice), None
+    try:
+        file = read_again(workspace.whole_file.file, workspace.files["workspace"].digest, content)
+        advice = tuple(_with_patch(question, file, one) for one in advice)
+    except InputError as error:  # the file has changed meanwhile
+        advice = tuple(replace(one, content=error, unwritten=error.problems[0].message) for one in advice)
     near = [outcome.nearest for outcome in came if outcome.nearest is not None]
     nearest = None if advice else min(near, key=lambda one: goal.shortfall(one.found), default=None)
-    return replace(found, advice=advice, kinds=tuple(came), nearest=nearest, interrupted=interrupted)
+    return replace(found, advice=advice, kinds=tuple(came), nearest=nearest, interrupted=interrupted, file=file)
 
 
 def _question(session: Session, ask: AdviseRequest) -> Question:
@@ -174,7 +159,7 @@ def _question(session: Session, ask: AdviseRequest) -> Question:
     check_choice(session.task, ask.choose)
     expected = next((task for task in workspace.tasks if task.task == session.task.text), None)
     goal = goal_of(expected) if ask.want is None else read_goal(ask.want)
-    results = list(assess(session, ask.jobs, ask.progress))
+    results = list(assess(session, ask))
     chosen = choose_candidate(rank(results, "q_eoi"), ask.choose).candidate
     best = next(one for one in results if one.candidate is chosen)
     stated = {name: stated_look_at(workspace, name) for name in workspace.cameras}

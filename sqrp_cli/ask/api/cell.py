@@ -51,18 +51,14 @@ def ranked(cell: OpenCell, ask: RankRequest, written: Path | None = None) -> Ran
     from sqrp_cli.ask.api.session import Session, assess
 
     session = Session.begin(cell.cell, ask, written)
-    return session.ranking(list(assess(session, ask.jobs, ask.progress)), ask)
+    return session.ranking(list(assess(session, ask)), ask)
 
 
 def explained(cell: OpenCell, ask: ExplainRequest) -> Explanation | ExplainedAll:
-    """When each camera sees each literal, and what is in the way when it does not.
+    """When each camera sees each literal, and what is in the way; `choose` None compares all candidates."""
+    from sqrp_cli.ask.api import session
 
-    `choose` None compares all candidates.
-    """
-    from sqrp_cli.ask.api.session import Session
-    from sqrp_cli.ask.api.session import explained as of_session
-
-    return of_session(cell.workspace.name, Session.begin(cell.cell, ask), ask)
+    return session.explained(session.Session.begin(cell.cell, ask), ask)
 
 
 def advised(cell: OpenCell, ask: AdviseRequest) -> AdviceDocument:

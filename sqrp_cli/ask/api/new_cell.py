@@ -14,7 +14,7 @@ from sqrp_cli.ask.values import silent
 from sqrp_cli.errors import InputError
 
 if TYPE_CHECKING:
-    from sqrp_cli.ask.requests import Progress
+    from sqrp_cli.platform.processes import Progress
     from sqrp_cli.run.record.events import Event
     from sqrp_cli.show.documents.programs import FirstRun, NewCell
 
@@ -70,10 +70,7 @@ def new_cell(*given: Any, **named: Any) -> NewCell:  # noqa: ANN401 - of the fie
 
 
 def first_run(folder: Path, task: str, progress: Progress = silent) -> FirstRun | None:
-    """Run the best candidate of a task of the workspace in a folder, and keep nothing of it.
-
-    None where there is no simulator, or no candidate is feasible.
-    """
+    """Run the best candidate of a task, and keep nothing of it; None without a simulator or what can be done."""
     from sqrp_cli.platform.simulator import check_simulator
     from sqrp_cli.show.documents.programs import FirstRun
 

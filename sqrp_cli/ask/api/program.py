@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import partial
@@ -21,11 +21,11 @@ from sqrp_cli.records import dataclass
 
 if TYPE_CHECKING:
     from sqrp_cli.ask.api.run_results import SimulatedRun
-    from sqrp_cli.ask.requests import Progress
     from sqrp_cli.cell.workspace import Workspace, World
     from sqrp_cli.field.audit.bag_footage import Footage
     from sqrp_cli.field.audit.report import AuditDocument, AuditedCamera
     from sqrp_cli.motion.cell import Cell
+    from sqrp_cli.platform.processes import Progress
     from sqrp_cli.program.record import Program, Step
     from sqrp_cli.run.faults import InjectedFault
     from sqrp_cli.run.record.bag_recorder import BagRecorder
@@ -78,10 +78,7 @@ def open_program(path: str | Path, *, seed: int = 0) -> OpenProgram:
 
 
 def audited(opened: OpenProgram, ask: AuditRequest) -> AuditDocument:
-    """A recording against what the program predicts.
-
-    Cameras that have moved, or whose clocks are wrong, are found first; images are compared at the times that follow.
-    """
+    """A recording against what the program predicts, once moved cameras and wrong clocks are found."""
     from sqrp_cli.platform.simulator import check_packages
 
     check_packages()
@@ -133,7 +130,6 @@ class OpenProgram:
     path: Path
     program: Program
     cell: OpenCell
-    seed: int = 0  # of everything that a run draws at random
 
     def __repr__(self) -> str:
         steps = ", ".join(step.short_task for step in self.program.steps)
@@ -145,7 +141,7 @@ class OpenProgram:
         from sqrp_cli.program.file import find_workspace, load_program
 
         program = load_program(path)
-        return cls(path, program, OpenCell.read(find_workspace(program, path)), seed)
+        return cls(path, program, OpenCell.read(find_workspace(program, path), seed))
 
     def check(self) -> None:
         """Raises InputError for a program that has no steps or does not fit its workspace."""
@@ -214,7 +210,7 @@ class OpenProgram:
         from sqrp_cli.run.faults import parse_fault
 
         values.texts("texts such as ['slip@lift+0.4']").read(faults, option)
-        rng, steps, cameras = np.random.default_rng(self.seed), self.program.steps, self.workspace.cameras
+        rng, steps, cameras = np.random.default_rng(self.cell.seed), self.program.steps, self.workspace.cameras
         return [parse_fault(text, steps, cameras, rng, option, served=served) for text in faults]
 
     def explain(self, step: int | None = None, *, option: str = "step") -> Explanation:
@@ -223,7 +219,6 @@ class OpenProgram:
         option: what gives the step, for messages. Raises InputError if there is no such step.
         """
         from sqrp_cli.ask.api.session import Session
-        from sqrp_cli.motion.cell import Cell
         from sqrp_cli.study.pipeline import RankJob
         from sqrp_cli.study.program_update import candidate_of
         from sqrp_cli.study.ranking import rank
@@ -236,7 +231,7 @@ class OpenProgram:
         if values.count(1).read(step, option) > len(steps):
             upto = f"{len(steps)} steps; expected 1 to {len(steps)}" if len(steps) > 1 else "1 step; expected 1"
             raise bad_option(f"{option} is {step}, but {self.path} has {upto}")
-        cell, chosen = Cell.load(self.workspace, self.seed), steps[step - 1]
+        cell, chosen = self.cell.cell, steps[step - 1]
         job = RankJob(cell=cell, world=chosen.before)
         candidate = candidate_of(chosen, cell)
         task = Task(chosen.short_task, candidate.skill, (candidate,))
@@ -248,15 +243,14 @@ class OpenProgram:
         self,
         ask: RunRequest,
         *,
-        screen: Any = None,  # noqa: ANN401 - see `ImageRecorder`
-        spectator: Any = None,  # noqa: ANN401 - see `Recording`
+        spectator: Any = None,  # noqa: ANN401 - see `ImageRecorder` and `Recording`
         elsewhere: Callable[[Recording], RunReport] | None = None,
     ) -> SimulatedRun:
         """A run in the simulated cell, watched through camera images alone.
 
         Raises InputError, before anything is written, where an output would replace an input or another output.
-        screen: shows the images with what is seen in them, instead of a film. spectator: somebody who may cause faults.
-        elsewhere: runs it in another cell, to which no faults can be made to happen.
+        spectator: is shown the images with what is seen in them, instead of a film, and may cause faults. elsewhere:
+        runs it in another cell, to which no faults can be made to happen.
         """
         from sqrp_cli.ask.api.run_results import SimulatedRun
         from sqrp_cli.platform.files import check_writable
@@ -276,8 +270,8 @@ class OpenProgram:
             check_writable(path)
         events: list[Event] = []
         with ExitStack() as closing:  # closes the others even if one fails to close
-            recorder, gallery = _recorders(workspace, ask, screen, closing)
-            began, logged = header(self.program, workspace, self.seed, injected), None
+            recorder, gallery = _recorders(workspace, ask, spectator, closing)
+            began, logged = header(self.program, workspace, self.cell.seed, injected), None
             if ask.log is not None:
                 logged = closing.enter_context(written_log(ask.log, began))
             heard: list[Listener] = [
@@ -357,77 +351,58 @@ class OpenProgram:
         check_simulator()
         from sqrp_cli.run.start import Simulation
 
-        return Simulation(self.program, self.workspace, late_replanner(self.workspace), self.seed)
+        return Simulation(self.program, self.workspace, late_replanner(self.workspace), self.cell.seed)
 
 
 def read_run(log: str | Path) -> SimulatedRun:
     """A run read from its log. Raises InputError for anything but the log of a complete run."""
-    logged = LoggedRun.read(values.path.read(log, "log"))
-    if (run := logged.replay()) is None:
-        raise logged.no_report
+    if (run := replayed(file := values.path.read(log, "log"))) is None:
+        raise interrupted_log(file)
     return run
 
 
-@dataclass(frozen=True, eq=False)
-class LoggedRun:
-    """The log of a run; its header is read. events: the rest of it, which can be read once.
+def replayed(log: Path, program: OpenProgram | None = None, *listeners: Callable[[Event], None]) -> SimulatedRun | None:
+    """The run of a log, None if it was interrupted; listeners: called with each event.
 
-    program: that was run; it knows where everything stands.
+    program: that was run; it knows where everything stands. Raises InputError for anything but a log, and for a program
+    whose steps are not those of the log.
     """
+    from sqrp_cli.ask.api.run_results import SimulatedRun
+    from sqrp_cli.run.record.log import read_log
 
-    log: Path
-    header: Event
-    events: Iterator[Event]
-    program: OpenProgram | None = None
+    events = read_log(log)
+    header, workspace = next(events), None if program is None else program.workspace
+    if program is not None and header.steps:
+        mend = shlex.join(["sqrp", "run", "--replay", str(log)])
+        program.check_ran(header.steps, "this log is", Place(log, 1), mend)
+    report, kept = None, []
+    for event in events:
+        if event.event == "report":
+            report = event.report
+            continue
+        kept.append(event)
+        for listener in listeners:
+            listener(event)
+    if report is None:
+        return None
+    why_flat = ""  # of its page: without the workspace there are no shapes, nor if that has changed since
+    if workspace is None:
+        mend = "sqrp run PROGRAM --replay LOG --report FILE"
+        why_flat = f"a log has no shapes; `{mend}` takes them from the workspace"
+    elif workspace.name != header.workspace:
+        why_flat = f"this program is for the workspace {workspace.name}, the run was in {header.workspace}"
+    elif header.digest not in workspace.digests:
+        why_flat = "the workspace of this program is not as it was in the run"
+    inputs = [log, *([] if program is None else program.files)]
+    drawn = {"began": header, "drawn": None if why_flat else workspace, "why_flat": why_flat}
+    known = {**vars(report), "workspace": header.workspace, **drawn}
+    return SimulatedRun(**known, events=kept, never_happened=(), inputs=inputs, asked=RunRequest())
 
-    @classmethod
-    def read(cls, log: Path, opened: OpenProgram | None = None) -> LoggedRun:
-        """Raises InputError for anything but a log, or a program whose steps are not those of the log."""
-        from sqrp_cli.run.record.log import read_log
 
-        events = read_log(log)
-        header = next(events)
-        logged = cls(log, header, events, opened)
-        if opened is not None and header.steps:
-            opened.check_ran(
-                header.steps, "this log is", Place(log, 1), shlex.join(["sqrp", "run", "--replay", str(log)])
-            )
-        return logged
-
-    def replay(self, *listeners: Callable[[Event], None]) -> SimulatedRun | None:
-        """The run, None if it was interrupted; listeners: called with each event."""
-        from sqrp_cli.ask.api.run_results import SimulatedRun
-
-        report, kept = None, []
-        for event in self.events:
-            if event.event == "report":
-                report = event.report
-                continue
-            kept.append(event)
-            for listener in listeners:
-                listener(event)
-        if report is None:
-            return None
-        header, workspace = self.header, None if self.program is None else self.program.workspace
-        why_flat = ""  # of its page: without the workspace there are no shapes, nor if that has changed since
-        if workspace is None:
-            mend = "sqrp run PROGRAM --replay LOG --report FILE"
-            why_flat = f"a log has no shapes; `{mend}` takes them from the workspace"
-        elif workspace.name != header.workspace:
-            why_flat = f"this program is for the workspace {workspace.name}, the run was in {header.workspace}"
-        elif header.digest not in workspace.digests:
-            why_flat = "the workspace of this program is not as it was in the run"
-        inputs = [self.log, *([] if self.program is None else self.program.files)]
-        drawn = {"began": header, "drawn": None if why_flat else workspace, "why_flat": why_flat}
-        known = {**vars(report), "workspace": header.workspace, **drawn}
-        return SimulatedRun(**known, events=kept, never_happened=(), inputs=inputs, asked=RunRequest())
-
-    @property
-    def no_report(self) -> InputError:
-        """The error where a run that was interrupted is not enough."""
-        message = "this log ends without a report, as the run was interrupted; expected one of a run that ended"
-        mend = shlex.join(["sqrp", "run", "--replay", str(self.log)])
-        return bad_input("no-log", message, Place(self.log), mend=mend)
+def interrupted_log(log: Path) -> InputError:
+    """The error where the log of a run that was interrupted is not enough."""
+    message = "this log ends without a report, as the run was interrupted; expected one of a run that ended"
+    return bad_input("no-log", message, Place(log), mend=shlex.join(["sqrp", "run", "--replay", str(log)]))
 
 
 def late_replanner(workspace: Workspace, speed: float = 1.0) -> Callable[[Step, World], Step | None]:
@@ -453,10 +428,7 @@ def _recorders(
     screen: Any,  # noqa: ANN401
     closing: ExitStack,
 ) -> tuple[BagRecorder | None, ImageRecorder | None]:
-    """Writers of a run for ROS tools, if the film's name is that of a recording, and of its images.
-
-    The images go into that recording or a film, and into a folder. A recording leaves nothing behind if all fails.
-    """
+    """Writers of a run for ROS tools, and of its images; a recording leaves nothing behind if all fails."""
     recorder = None
     if ask.is_recording:
         from sqrp_cli.ros.bag import BagWriter

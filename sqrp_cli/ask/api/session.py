@@ -15,7 +15,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.files import alone, check_writable, real_path
 from sqrp_cli.records import dataclass
 from sqrp_cli.show.documents.analysis_shown import analysis_shown
-from sqrp_cli.show.documents.explanation import ExplainedAll, Explanation
+from sqrp_cli.show.documents.explanation import ExplainedAll, ExplainedCandidate, Explanation
 from sqrp_cli.study.analysis import analyse
 from sqrp_cli.study.pipeline import Explained, RankJob, assess_all, described, recalibrated, sampling_done
 from sqrp_cli.study.program_update import make_step, with_usual_images
@@ -30,7 +30,6 @@ from sqrp_cli.task.task import Task, read_task
 if TYPE_CHECKING:
     from sqrp_cli.ask.requests import ExplainRequest, RankRequest, TaskRequest
     from sqrp_cli.cell.workspace import Workspace
-    from sqrp_cli.platform.processes import Progress
     from sqrp_cli.program.record import Program, Step
     from sqrp_cli.search.planned_step import PlannedStep
 
@@ -117,16 +116,14 @@ class Session:
             session=self,
         )
 
+    def shown(self, one: Explained) -> ExplainedCandidate:
+        """All that is found about one candidate."""
+        return analysis_shown(self.cell, one.analysis, one.result, self.job.sampling, self.windows)
+
     def explanation(self, explained: Explained, ranking: Sequence[CandidateResult], **step: object) -> Explanation:
         """What is found about one candidate of a ranking; step: fields of the document, if it is one of several."""
-        analysis = analysis_shown(self.cell, explained.analysis, explained.result, self.job.sampling, self.windows)
-        about = {
-            "workspace": self.cell.workspace.name,
-            "task": self.task.text,
-            "explained": explained,
-            "ranking": ranking,
-        }
-        return Explanation(**{**vars(analysis), **step, **about})
+        about = {"workspace": self.cell.workspace.name, "task": self.task.text, "ranking": ranking}
+        return Explanation(**{**vars(self.shown(explained)), **step, **about, "explained": explained})
 
     def write(self, ranking: Ranking, path: str | Path, choose: str) -> None:
         """Write a candidate of a ranking into a program file; see `Ranking.write`."""
@@ -183,10 +180,10 @@ def _steps_of_task(steps: Sequence[Step], text: str, workspace: Workspace) -> in
     return len(last) if [step.task for step in last] in known else 0
 
 
-def assess(session: Session, jobs: int, progress: Progress) -> Iterator[CandidateResult]:
+def assess(session: Session, ask: TaskRequest) -> Iterator[CandidateResult]:
     """The results of all candidates, in order, with the progress shown."""
-    with progress(f"Assessing {session.task.text}", len(session.task.candidates)) as advance:
-        for result in assess_all(session.job, session.task.candidates, jobs):
+    with ask.progress(f"Assessing {session.task.text}", len(session.task.candidates)) as advance:
+        for result in assess_all(session.job, session.task.candidates, ask.jobs):
             yield result
             advance(1)
 
@@ -207,10 +204,7 @@ def check_choice(task: Task, choice: str) -> None:
 
 
 def choose_candidate(ranking: Sequence[CandidateResult], choice: str) -> CandidateResult:
-    """The candidate that `choice` means: the first in the ranking, the first whose name has all its words, or a place.
-
-    Candidates that cannot be done follow those that can, without a place of their own.
-    """
+    """The candidate that `choice` means: the first of the ranking, the first whose name has all its words, a place."""
     if choice == "best":
         return ranking[0]
     named = (ranked for ranked in ranking if set(choice.split()) <= set(ranked.candidate.name.split()))
@@ -250,35 +244,33 @@ def steps_of(session: Session, chosen: CandidateResult) -> list[ChosenStep]:
     return [(one.candidate.task, one, before) for one, before in done]
 
 
-def explained(workspace: str, session: Session, ask: ExplainRequest) -> Explanation | ExplainedAll:
-    """What is asked about the candidates of a task. workspace: its name. Raises InputError for what there is not."""
-    choose, steps = ask.choose, session.task.candidates[0].steps
+def explained(session: Session, ask: ExplainRequest) -> Explanation | ExplainedAll:
+    """What is asked about the candidates of a task. Raises InputError for what there is not."""
+    choose, steps, option = ask.choose, session.task.candidates[0].steps, ask.called("step")
     check_choice(session.task, "best" if choose is None else choose)
     if ask.step is not None and not steps:
-        raise bad_option(f"{ask.called('step')} is {ask.step}, but `{ask.task}` is a task of one step")
+        raise bad_option(f"{option} is {ask.step}, but `{ask.task}` is a task of one step")
     if choose is None and steps:
         message = f"`{session.task.text}` has several steps, and --all looks at one"
         mend = "write the steps before it with `sqrp rank ... --program FILE`, then ask about it with `--after FILE`"
         raise bad_option(message, mend=mend)
-    ranking = rank(list(assess(session, ask.jobs, ask.progress)), "q_eoi")
+    ranking = rank(list(assess(session, ask)), "q_eoi")
     place, chosen = dict[str, object](), ranking
     if choose is not None:
         chosen = (choose_candidate(ranking, choose),)
     if choose is not None and steps:
         # A step as a task of its own, in the world that the steps before it leave: by default the one seen worst.
-        whole, option = chosen[0], ask.called("step")
+        whole = chosen[0]
         done = session.job.steps_done(whole.candidate)
         number = 1 + worst_seen([one for one, _ in done]) if ask.step is None else ask.step
         if not 1 <= number <= len(done):
             raise bad_option(f"{option} is {number}, expected a step of {whole.candidate.name}: 1 to {len(done)}")
         step, before = done[number - 1]
-        candidate = step.candidate
-        task = Task(candidate.task, candidate.skill, (candidate,))
+        task = Task(step.candidate.task, step.candidate.skill, (step.candidate,))
         session = Session(task, replace(session.job, world=before))
-        one = replace(step, rank=1 if step.feasible else None, pareto=True)
-        ranking, place = (one,), {"step": number, "of_steps": len(steps), "whole": whole.candidate.name}
+        chosen = ranking = rank([step], "q_eoi")
+        place = {"step": number, "of_steps": len(steps), "whole": whole.candidate.name}
         place |= {"rank": whole.rank, "pareto": whole.pareto}
-        chosen = ranking
     found = []
     with ask.progress("Looking up causes", len(chosen)) as advance:
         for result in chosen:
@@ -286,9 +278,9 @@ def explained(workspace: str, session: Session, ask: ExplainRequest) -> Explanat
             advance(1)
     if choose is not None:
         return session.explanation(found[0], ranking, **place)
-    sampling = session.job.sampling
-    analyses = [analysis_shown(session.cell, one.analysis, one.result, sampling, session.windows) for one in found]
-    return ExplainedAll(workspace=workspace, task=ask.task, candidates=analyses, explained=found, ranking=ranking)
+    shown = list(map(session.shown, found))
+    name = session.cell.workspace.name
+    return ExplainedAll(workspace=name, task=ask.task, candidates=shown, explained=found, ranking=ranking)
 
 
 def chosen_steps(suggested: Sequence[PlannedStep]) -> list[ChosenStep]:

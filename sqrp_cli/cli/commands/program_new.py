@@ -27,10 +27,7 @@ CORES = os.cpu_count() or 1
 
 
 def make_program(path: Path) -> ExitCode:
-    """Ask for one task after the other until there is no answer, and after the first for the file.
-
-    Raises InputError for a workspace that cannot be used. Wrong answers are explained and asked for again.
-    """
+    """Ask for one task after the other until there is no answer, and after the first for the file."""
     opened = open_with_warnings(path)
     workspace, cell, file = opened.workspace, opened.cell, None
     program, kept = new_program(workspace, cell.model.joints, Path()), "no step was chosen, so nothing was written"
@@ -68,10 +65,7 @@ def make_program(path: Path) -> ExitCode:
 
 
 def _next_steps(cell: Cell, program: Program) -> list[ChosenStep] | None:
-    """Show what can be done, and ask for a task and one of its ways; None without an answer, no step if none is right.
-
-    program: the one so far.
-    """
+    """Show what can be done after a program, and ask for a task and one of its ways; None without an answer."""
     workspace = cell.workspace
     world = program.steps[-1].after if program.steps else cell.initial_world
     doable = _show_possibilities(cell, world)
@@ -121,7 +115,8 @@ def _show_possibilities(cell: Cell, world: World) -> list[str]:
 def _chosen_way(task: Task, job: RankJob) -> list[ChosenStep]:
     """Rank the ways of a task and ask for one; if there is none, propose what to do first."""
     session, world = Session(task, job), job.world
-    ranking = session.ranking(list(assess(session, CORES, progress)), RankRequest(task.text))
+    question = RankRequest(task.text, jobs=CORES, progress=progress)
+    ranking = session.ranking(list(assess(session, question)), question)
     say()
     ranking.show(all_rows=True)
     say()

@@ -104,10 +104,7 @@ def _judged(program: Program, file: Path) -> tuple[Workspace | None, list[Proble
 
 
 def _export(program: Program, workspace: Workspace, file: Path, target: Path, rate: float) -> str:
-    """Write the joint trajectory; for ROS without the fingers, which have their own controller.
-
-    Returns a message.
-    """
+    """Write the joint trajectory, for ROS without the fingers, which have their own controller; says so."""
     from sqrp_cli.platform.files import check_not_read, write_atomically
     from sqrp_cli.program.joint_trajectory import FORMATS
     from sqrp_cli.ros.bag import SUFFIXES

@@ -5,8 +5,8 @@ from __future__ import annotations
 import shlex
 import signal
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,7 @@ import typer
 
 from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.api.calibration import learned
-from sqrp_cli.ask.api.program import DEFAULT_RUNS, LoggedRun, audited, cameras_patch, late_replanner
+from sqrp_cli.ask.api.program import DEFAULT_RUNS, audited, cameras_patch, interrupted_log, late_replanner, replayed
 from sqrp_cli.ask.request import argument, flag, option
 from sqrp_cli.cli.command import command
 from sqrp_cli.cli.options import (
@@ -32,12 +32,17 @@ from sqrp_cli.cli.options import (
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_input, bad_option
 
 if TYPE_CHECKING:
+    from sqrp_cli.ask.api.cell import OpenCell
     from sqrp_cli.ask.api.program import OpenProgram
     from sqrp_cli.ask.api.run_results import SimulatedRun
     from sqrp_cli.ask.requests import RunRequest
+    from sqrp_cli.field.cell_server import CellServer
+    from sqrp_cli.run.cell.robot_file import RobotFile
     from sqrp_cli.run.cell.ros_cell import RosCell
     from sqrp_cli.run.record.events import Listener
 
+LOOPBACK = "127.0.0.1"  # the network on which a cell is served if nobody says otherwise: this computer alone
+LISTENED = 0.7  # for how long it is listened whether another cell is served [s]: to be heard takes 0.3 s
 LEAST_SPEED = 0.01  # below it a program would take a hundred times as long
 
 
@@ -95,8 +100,8 @@ def _run(
     if robot is not None and json and not dry_run and not yes:
         raise bad_option("--json leaves no room for a question; add --yes, or --dry-run")
     opened = read_program(program, seed)
+    ask.check_not_read([*opened.files, robot], report)
     if robot is not None:
-        ask.check_not_read([*opened.files, robot], report)
         print_problems(opened.warnings)
         found = _run_on_robot(opened, robot, speed or 1.0, ask, agreed=dry_run or yes, moves=not dry_run, as_json=json)
     else:
@@ -112,7 +117,6 @@ def _run(
                 return ExitCode.INTERRUPTED
             return ExitCode.OK if swept.done else ExitCode.STOPPED_ON_FAULT
         opened.read_faults(ask.faults, "--fault")  # before anything is shown
-        ask.check_not_read(opened.files, report)
         with _shown_live(opened, as_json=json) as listeners:
             found = opened.run_into(ask.but(listeners=listeners, witnessed=report is not None))
     if dry_run and found.done and not json:
@@ -123,10 +127,7 @@ def _run(
 
 @contextmanager
 def _shown_live(opened: OpenProgram, *, as_json: bool, stopped: str = "") -> Iterator[Sequence[Listener]]:
-    """What shows a run live; at Ctrl-C its finished steps are printed, and the command ends.
-
-    stopped: what is said then of the robot.
-    """
+    """What shows a run live; at Ctrl-C its finished steps are printed. stopped: what is then said of the robot."""
     from sqrp_cli.show.terminal.console import note
     from sqrp_cli.show.terminal.run_view import FinishedSteps, live_view
 
@@ -143,26 +144,23 @@ def _shown_live(opened: OpenProgram, *, as_json: bool, stopped: str = "") -> Ite
 
 
 def _replay(log: Path, program: Path | None, report: Path | None, *, as_json: bool) -> ExitCode:
-    """Show a run again; of one that was interrupted, what happened until then.
-
-    A program leads to the workspace, for a page with 3D playback.
-    """
+    """Show a run again, or what happened until it was interrupted; with a program its page has 3D playback."""
     from sqrp_cli.platform.files import check_not_read
+    from sqrp_cli.run.record.log import read_log
     from sqrp_cli.show.terminal.console import note
     from sqrp_cli.show.terminal.run_view import FinishedSteps, live_view
 
-    LoggedRun.read(log)  # a file that is no log is told before what is wrong with the program
+    header = next(read_log(log))  # a file that is no log is told before what is wrong with the program
     opened = None if program is None else read_program(program, check=False)
-    logged = LoggedRun.read(log, opened)
     check_not_read([report], [log, *([] if opened is None else opened.files)])
-    finished = FinishedSteps([step.skill for step in logged.header.steps])
-    with live_view(logged.header.cameras, pace=not as_json) as view:
-        run = logged.replay(finished, view)
+    finished = FinishedSteps([step.skill for step in header.steps])
+    with live_view(header.cameras, pace=not as_json) as view:
+        run = replayed(log, opened, finished, view)
     if run is not None:
         return _show(run, report, as_json=as_json)
     if report is not None or as_json:
-        raise logged.no_report
-    finished.show(logged.header.workspace)
+        raise interrupted_log(log)
+    finished.show(header.workspace)
     note(f"this log was interrupted at {finished}")
     return ExitCode.INTERRUPTED
 
@@ -173,7 +171,7 @@ def _show(run: SimulatedRun, report: Path | None, *, as_json: bool) -> ExitCode:
     from sqrp_cli.show.terminal.progress_lines import Verbosity, verbosity
     from sqrp_cli.show.terminal.run_view import wall_time
 
-    if report is not None and not page_is_written(report, run.write_page):
+    if not page_is_written(report, run.write_page):
         return ExitCode.INTERRUPTED
     if not as_json and run.wall and verbosity.get() is Verbosity.VERBOSE:
         note(wall_time(run))
@@ -281,7 +279,6 @@ def _cell(
 
     Runs until Ctrl-C. Its clock is `/clock`, which passes more slowly where this computer is too slow.
     """
-    from sqrp_cli.ask.api.robot import serve, served_as
     from sqrp_cli.platform.files import check_not_read, check_writable, write_atomically
     from sqrp_cli.run.cell.robot_file import as_yaml
     from sqrp_cli.show.terminal.console import note
@@ -305,22 +302,82 @@ def _cell(
         check_writable(config)
         check_new()
     joints = tuple(cell.workspace.robot.home) if opened is None else opened.program.joints
-    file = served_as(joints, cell, network, domain)
-
-    def ready() -> None:
-        if config is not None:
-            check_new()  # it may have come while the simulation was made ready
-            write_atomically(config, as_yaml(file))
-            leaving.callback(config.unlink, missing_ok=True)
-        note(f"serving {cell.workspace.name} (domain {file.domain}, {file.network}) until Ctrl-C")
+    file = _served_as(joints, cell, network, domain)
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
-    with ExitStack() as leaving:
-        try:
-            serve(cell, opened, file, faults, seed, ready=ready, tell=note, factor=pace)
-        except KeyboardInterrupt:
-            note("stopped serving")
+    try:
+        with _served(cell, opened, file, faults, note) as server, ExitStack() as leaving:
+            if config is not None:
+                check_new()  # it may have come while the simulation was made ready
+                write_atomically(config, as_yaml(file))
+                leaving.callback(config.unlink, missing_ok=True)
+            note(f"serving {cell.workspace.name} (domain {file.domain}, {file.network}) until Ctrl-C")
+            server.serve(lambda: False, pace)
+    except KeyboardInterrupt:
+        note("stopped serving")
     return ExitCode.OK
+
+
+def _served_as(joints: Sequence[str], cell: OpenCell, network: str | None, domain: int | None) -> RobotFile:
+    """How `run --robot` reaches a cell that is served. network: loopback by default.
+
+    domain: of ROS 2; by default ROS_DOMAIN_ID, or the first that no participant on this computer is in, by the first
+    port of each.
+    """
+    import os
+    import socket
+
+    from sqrp_cli.field.cell_server import served_file
+
+    named = os.environ.get("ROS_DOMAIN_ID")
+    if domain is None and named is not None:
+        if not named.isdigit() or int(named) > 232:
+            raise bad_option(f"ROS_DOMAIN_ID is `{named}`, expected 0 to 232")
+        domain = int(named)
+    for free in range(100):
+        if domain is not None:
+            break
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, suppress(OSError):
+            probe.bind((LOOPBACK, 7400 + 250 * free + 10))
+            domain = free
+    return served_file(cell.workspace, joints, domain or 0, network or LOOPBACK)
+
+
+@contextmanager
+def _served(
+    cell: OpenCell,
+    program: OpenProgram | None,
+    file: RobotFile,
+    faults: Sequence[str],
+    tell: Callable[[str], None],
+) -> Iterator[CellServer]:
+    """A cell that can be reached, and the server that answers. tell: says what happens.
+
+    program: where it starts and what faults are about; None: the cell's home.
+    """
+    from sqrp_cli.platform.simulator import check_simulator
+
+    check_simulator()
+    from sqrp_cli.field.cell_server import CellServer, Faults
+    from sqrp_cli.run.cell.simulated_cell import SimulatedCell
+
+    injected = [] if program is None else program.read_faults(faults, "--fault", served=True)
+    steps = () if program is None else program.program.steps
+    world = steps[0].before if steps else cell.cell.initial_world
+    joints = list(file.joints or {}) if program is None else program.program.joints
+    from sqrp_cli.ros.dds import DdsTransport
+    from sqrp_cli.run.cell.ros_cell import CLOCK
+
+    with closing(DdsTransport(file.domain, file.network)) as transport:
+        # Raises InputError where somebody else sends the time: nobody could tell two clocks, and two arms, apart.
+        inbox = transport.subscribe(CLOCK)
+        transport.wait(LISTENED)
+        if inbox.count:
+            message = f"somebody else, such as another cell, sends `/clock` {file.where}"
+            raise bad_input("no-network", message, mend="--domain N, with another number")
+        with SimulatedCell(cell.workspace, world, cell.seed) as simulated:
+            simulated.frames(list(cell.workspace.cameras))  # the processes that draw are ready then
+            yield CellServer(simulated, cell.workspace, file, transport, Faults(injected, steps, joints), tell)
 
 
 @command("audit", requests.AuditRequest)
@@ -335,20 +392,20 @@ def _audit(
     from sqrp_cli.platform.files import check_not_read
     from sqrp_cli.platform.simulator import check_packages
     from sqrp_cli.ros.bag import is_bag
-    from sqrp_cli.show.terminal.console import note, progress
+    from sqrp_cli.show.terminal.console import note
 
     if is_bag(program):
         mend = shlex.join(["sqrp", "audit", str(ask.recording), str(program)])
         raise bad_option("this is a recording; expected a program here", Place(program), mend=mend)
     check_packages()
     opened = read_program(program)
-    check_outputs({"--patch": patch}, "audit")
+    check_outputs({"--patch": patch})
     check_not_read([patch], opened.files)
-    found = audited(opened, ask.but(progress=progress))
+    found = audited(opened, ask)
     answer(replace(found, written=patch is not None), as_json=json)
     if patch is not None:
         if content := cameras_patch(opened.workspace, found.cameras):
-            write_patch(patch, "audit", content)
+            write_patch(patch, "Cameras as `sqrp audit` found them", content)
             note(f"to have the poses: {to_apply(patch, opened.workspace.whole_file.file)}")
         else:
             note(f"of no camera is it known that it has moved, so {patch} is not written")
@@ -364,13 +421,13 @@ def _calibrate(
 ) -> ExitCode:
     from sqrp_cli.files.yaml_edit import to_apply
     from sqrp_cli.platform.files import check_not_read
-    from sqrp_cli.show.terminal.console import note, progress
+    from sqrp_cli.show.terminal.console import note
 
-    check_outputs({"--patch": patch}, "calibrate")
-    found = learned(ask.but(progress=progress))
+    check_outputs({"--patch": patch})
+    found = learned(ask)
     if patch is not None:
         check_not_read([patch], found.cell.files)
-        write_patch(patch, "calibrate", found.patch)
+        write_patch(patch, "Curves that `sqrp calibrate` found", found.patch)
         note(f"to have the curves: {to_apply(patch, found.cell.workspace.whole_file.file)}")
     answer(found, as_json=json)
     return ExitCode.OK

@@ -101,11 +101,7 @@ def _scored(
     *,
     as_json: bool,
 ) -> ExitCode:
-    """Score all, compare with the baseline if there is one, write the requested files and print.
-
-    Raises InputError for unusable paths, folders and files, and if nothing at all can be scored. Otherwise prints what
-    could be scored, and the rest as errors.
-    """
+    """Score all, compare with the baseline if there is one, write the requested files and print."""
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.score.compute import open_computer
     from sqrp_cli.score.kept import Outcome
@@ -114,7 +110,7 @@ def _scored(
 
     files, report = find_workspaces(paths), outputs["--report"]
     check_not_read(outputs.values(), files)
-    findings, cells = None, list[ScoredCell]()
+    findings, cells, doing = None, list[ScoredCell](), "all files were written"
     try:
         with open_computer(means) as computer:
             with progress("Reading workspaces", len(files)) as advance:
@@ -141,11 +137,9 @@ def _scored(
                 counted.append("the others were known")
             note(", ".join(counted))
             if compare is not None and not findings.interrupted:
-                try:
-                    findings = compare(findings, cells, computer, progress)
-                except KeyboardInterrupt:
-                    note("interrupted before everything was compared with the baseline")
-                    findings = replace(findings, interrupted=True, unfinished=0)
+                doing = "everything was compared with the baseline"
+                findings = compare(findings, cells, computer, progress)
+                doing = "all files were written"
             if not findings.interrupted:
                 _write(findings, cells, computer, outputs)
         if report is not None and findings.results and not findings.interrupted:
@@ -156,7 +150,7 @@ def _scored(
     except KeyboardInterrupt:
         if findings is None:
             raise
-        note("interrupted before all files were written")
+        note(f"interrupted before {doing}")
         findings = replace(findings, interrupted=True, unfinished=findings.unfinished or 0)
     except InputError:  # a file that cannot be written takes nothing from what was scored
         if findings is not None and not _why_nothing(findings):
@@ -222,7 +216,7 @@ def _vary(
         raise bad_option(f"--vary is about one workspace, found {names}")
     name = short_names(files)[files[0]]
     patch = patch or Path(f"{name}-best.patch")
-    check_outputs({"--patch": patch}, "score")
+    check_outputs({"--patch": patch})
     with progress("Reading variants", len(drawn) + 1) as advance:
         document, read = read_variants(files[0], drawn, advance)
     with open_computer(means) as computer:
@@ -239,7 +233,7 @@ def _vary(
     if why := _why_nothing(*(variant.findings for variant in found.variants)):
         raise InputError(*why)
     if content := found.best_patch:
-        write_patch(patch, "score", content)
+        write_patch(patch, "The best variant that `sqrp score --vary` found", content)
         found = replace(found, patch=str(patch))
     answer(replace(found, workspace=name), as_json=as_json)
     return _exit_code(found.variants[0].findings)

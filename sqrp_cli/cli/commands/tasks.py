@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.api.cell import OpenCell, advised, checked, explained, placed
 from sqrp_cli.ask.api.program import is_program, open_program, start_of
 from sqrp_cli.ask.request import argument, flag, option
-from sqrp_cli.cli.command import ParsedCommand, UsageError, command
+from sqrp_cli.cli.command import command
 from sqrp_cli.cli.completion import example_task
 from sqrp_cli.cli.options import (
     answer,
@@ -25,7 +25,7 @@ from sqrp_cli.cli.options import (
     write_patch,
 )
 from sqrp_cli.cli.watch import last_shown, watched
-from sqrp_cli.errors import ExitCode, InputError, bad_input, bad_option, first_names, nearest
+from sqrp_cli.errors import ExitCode, InputError, bad_input, bad_option, first_names
 
 if TYPE_CHECKING:
     from sqrp_cli.ask.api.session import Session
@@ -49,7 +49,7 @@ def _check(
     json: bool = requests.JSON,
 ) -> ExitCode:
     from sqrp_cli.show.documents.checks import Check
-    from sqrp_cli.show.terminal.console import note, print_problems, progress, say_command, say_raw
+    from sqrp_cli.show.terminal.console import note, print_problems, say_command, say_raw
 
     if watch:
         return watched({"--json": json, "--program": program})
@@ -57,15 +57,14 @@ def _check(
     try:
         workspace, after = start_of(workspace, ask.after)
         cell = OpenCell.read(workspace, seed)
-        if cell.errors or ask.task is None:
-            found = cell.check(ask.task)
+        if program is None:
+            found = checked(cell, ask.but(after=after))
         else:
             from sqrp_cli.ask.api.session import add_steps, chosen_steps, world_before
             from sqrp_cli.study.sampling import Adaptive
 
-            before, plan = world_before(after, program), None if program is None else True
-            found = checked(cell, ask.but(after=before, plan=plan, progress=progress))
-            if program is not None and found.suggested:
+            found = checked(cell, ask.but(after=world_before(after, program), plan=True))
+            if found.suggested:
                 add_steps(cell.cell, chosen_steps(found.suggested), Adaptive(), program)
     except InputError as error:
         if not json:
@@ -117,7 +116,7 @@ def _rank(
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.platform.files import check_distinct, check_writable
     from sqrp_cli.search.suggestion import with_first_steps
-    from sqrp_cli.show.terminal.console import note, print_problems, progress, say_command
+    from sqrp_cli.show.terminal.console import note, print_problems, say_command
 
     if watch:
         return watched({"--json": json, "--program": program})
@@ -141,7 +140,7 @@ def _rank(
     found: list[CandidateResult] = []
     interrupted = False
     try:
-        found.extend(assess(session, ask.jobs, progress))  # keeps those that came before an exception
+        found.extend(assess(session, ask))  # keeps those that came before an exception
     except KeyboardInterrupt:
         note(f"interrupted when {len(found)} of {len(session.task.candidates)} candidates were finished")
         interrupted = True
@@ -157,8 +156,7 @@ def _rank(
     if report is not None and not interrupted:
         from sqrp_cli.show.pages.candidate_page import write_ranking
 
-        write = partial(write_ranking, ranking, session.job)
-        if not page_is_written(report, write, jobs=ask.jobs, progress=progress):
+        if not page_is_written(report, partial(write_ranking, ranking), jobs=ask.jobs, progress=ask.progress):
             code = ExitCode.INTERRUPTED
     if parquet is not None and not interrupted:
         rows = write_frames(cell, world, session.task.candidates, parquet)
@@ -175,10 +173,7 @@ def _rank(
 
 
 def _write_chosen(session: Session, found: Ranking, choose: str, program: Path | None) -> tuple[ExitCode, str]:
-    """Write the chosen candidate into a program, if one was named, unless it is infeasible.
-
-    Returns the exit code and a message.
-    """
+    """Write the chosen candidate into a program, if one is named and it can be done; gives code and message."""
     from sqrp_cli.ask.api.session import add_steps, choose_candidate, steps_of
 
     chosen = choose_candidate(found.candidates, choose)
@@ -200,47 +195,12 @@ def _write_chosen(session: Session, found: Ranking, choose: str, program: Path |
     return ExitCode.OK, f"{chosen.name} {written}"
 
 
-_WAYS = ("best", "all", "first")
-_WAYS_READ = values.one_of(*_WAYS, fastest="first")
-
-
-class _WaysParser(ParsedCommand):
-    """Takes `--ways` with and without a value."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 # its type has no public name
-        """Read the words of the command, with `all` after a `--ways` that no value follows, not even a misspelt one."""
-        words: list[str] = []
-        for word, following in zip(args, [*args[1:], ""], strict=False):
-            words.append(word)
-            known = (*_WAYS, "fastest")
-            is_value = following in known or (nearest(following, known) is not None and not Path(following).exists())
-            if word == "--ways" and not is_value:
-                words.append("all")
-        try:
-            return super().parse_args(ctx, words)
-        except UsageError:
-            after = args[args.index("--ways") + 1 :] if "--ways" in args else []
-            if after and not after[0].startswith("-"):  # it may be a misspelt value rather than a word too much
-                _WAYS_READ.read(after[0], "--ways")
-            raise
-
-
-class _Explain(requests.ExplainRequest):
-    task: str = argument("TASK", "As for rank; none for a program.", requests.TASK, default="", complete="tasks")
-    ways: requests.Ways = option(
-        "--ways [best|all|first]",
-        "all (also without a value): show the other ways, too, that none beats in everything; first: explain the way "
-        "that is found first, seen or not.",
-        _WAYS_READ,
-        default="best",
-    )
-
-
-@command("explain", _Explain, _WaysParser)
+@command("explain", requests.ExplainRequest)
 def _explain(
-    ask: _Explain,
+    ask: requests.ExplainRequest,
     *,
     workspace: Path = requests.START,
+    task: str = argument("TASK", "As for rank; none for a program.", requests.TASK, default="", complete="tasks"),
     compared: bool = flag("--all", "Compare all candidates side by side."),
     images: Path | None = option(
         "--images DIR", "Write pictures of what each camera sees whenever something is not seen.", values.path
@@ -252,7 +212,7 @@ def _explain(
     from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.show.documents.explanation import Explanation
-    from sqrp_cli.show.terminal.console import print_problems, progress
+    from sqrp_cli.show.terminal.console import print_problems
     from sqrp_cli.show.terminal.rank_table import print_ways
 
     if watch:
@@ -263,7 +223,7 @@ def _explain(
         from sqrp_cli.show.pictures.pictures import check_pictures
 
         check_pictures(images)
-    if not ask.task:  # a program stands where a workspace would
+    if not task:  # a program stands where a workspace would
         from sqrp_cli.files.input_file import missing_file
 
         if not workspace.exists():
@@ -276,7 +236,7 @@ def _explain(
         return ExitCode.OK
     workspace, after = start_of(workspace, ask.after)
     cell = open_with_warnings(workspace, seed)
-    found = explained(cell, ask.but(after=after, choose=None if compared else ask.choose, progress=progress))
+    found = explained(cell, ask.but(after=after, choose=None if compared else ask.choose))
     print_problems((*cell_warnings(cell.cell), *intervals_outside(found.ranking)))
     answer(found, as_json=json)
     about = [one for one in ([found.explained] if isinstance(found, Explanation) else found.explained) if one]
@@ -291,7 +251,9 @@ def _explain(
     return ExitCode.OK if analyses else ExitCode.NONE_FEASIBLE
 
 
-def _say_more(found: Explanation, cell: OpenCell, workspace: Path, after: Path | None, ask: _Explain) -> None:
+def _say_more(
+    found: Explanation, cell: OpenCell, workspace: Path, after: Path | None, ask: requests.ExplainRequest
+) -> None:
     """The command that says how much of a remedy is enough. ask: whose task the explanation may be about a step of."""
     from sqrp_cli.figures import LATE, falls_short
     from sqrp_cli.search.goal import goal_of
@@ -347,18 +309,18 @@ def _advise(
     json: bool = requests.JSON,
 ) -> ExitCode:
     from sqrp_cli.checks.cell_warnings import cell_warnings
-    from sqrp_cli.show.terminal.console import note, print_problems, progress
+    from sqrp_cli.show.terminal.console import note, print_problems
 
     workspace, after = start_of(workspace, ask.after)
-    cell = open_to_write(workspace, seed, [after], {"--patch": patch, "--report": report}, "advise")
+    cell = open_to_write(workspace, seed, [after], {"--patch": patch, "--report": report})
     print_problems(cell_warnings(cell.cell))
-    found = advised(cell, ask.but(after=after, progress=progress))
+    found = advised(cell, ask.but(after=after))
     interrupted = bool(found.interrupted)
     if report is not None and not interrupted:
         from sqrp_cli.show.pages.search_pages import write_advice
 
-        write = partial(write_advice, found)
-        interrupted = not page_is_written(report, write, jobs=ask.jobs, progress=progress)
+        page = partial(write_advice, found)
+        interrupted = not page_is_written(report, page, jobs=ask.jobs, progress=ask.progress)
     message = ""
     try:
         message = "" if interrupted else write_change(found, cell.path, apply, patch)
@@ -372,19 +334,16 @@ def _advise(
 
 
 def write_change(found: AdviceDocument, path: Path, number: int | None, patch: Path | None) -> str:
-    """Write a change as it was asked for, by default the first that has a patch; returns what was done.
-
-    path: of the workspace, as it was given.
-    """
+    """Write a change, by default the first that has a patch, into the workspace at `path`; says what was done."""
     if (number is None and patch is None) or not (found.met or found.advice):
         return ""
     if found.met and number in (None, 1):
         return f"the goal is met already, so {path if patch is None else patch} is not written"
     chosen = next((n for n, one in enumerate(found.advice, 1) if one.patch), 1) if number is None else number
-    if found.patched(chosen) == found.session.file.content:  # refuses a number that none has
+    if found.patched(chosen) == found.file.content:  # refuses a number that none has
         return f"change {chosen} is in {path} already; nothing was written"
     if patch is not None:
-        write_patch(patch, "advise", found.advice[chosen - 1].patch)
+        write_patch(patch, "A change that `sqrp advise` found", found.advice[chosen - 1].patch)
         return f"change {chosen} is in {patch}"
     found.apply(chosen)
     return f"change {chosen} is in {path} now"
@@ -405,25 +364,25 @@ def _place(
     json: bool = requests.JSON,
 ) -> ExitCode:
     from sqrp_cli.score.cluster import connected
-    from sqrp_cli.show.terminal.console import note, progress
+    from sqrp_cli.show.terminal.console import note
     from sqrp_cli.show.terminal.search_tables import bounds_reporter
 
     if len(patches) > 1:
         named = ", ".join(map(str, patches))
         raise bad_option(f"--patch is given {len(patches)} times: {named}", mend="name one file")
     patch = patches[0] if patches else None
-    cell = open_to_write(workspace, seed, [ask.mounts], {"--patch": patch, "--report": report}, "place")
+    cell = open_to_write(workspace, seed, [ask.mounts], {"--patch": patch, "--report": report})
     with connected(cluster, note, tls) as workers:
-        found = placed(cell, ask.but(progress=progress), workers, bounds_reporter())
+        found = placed(cell, ask, workers, bounds_reporter())
     if patch is not None and found.patch:
-        write_patch(patch, "place", found.patch)
+        write_patch(patch, "Cameras that `sqrp place` found", found.patch)
         note(f"the patch is in {patch}")
     interrupted = bool(found.interrupted)
     if report is not None and not interrupted:
         from sqrp_cli.show.pages.search_pages import write_placement
 
-        write = partial(write_placement, found)
-        interrupted = not page_is_written(report, write, jobs=ask.jobs, progress=progress)
+        page = partial(write_placement, found)
+        interrupted = not page_is_written(report, page, jobs=ask.jobs, progress=ask.progress)
     answer(found, as_json=json, written=patch is not None)
     if interrupted:
         return ExitCode.INTERRUPTED

@@ -197,7 +197,7 @@ def _schema(
 @command("init", requests.InitRequest)
 def _init(ask: requests.InitRequest, *, json: bool = requests.JSON) -> ExitCode:
     from sqrp_cli.cell.workspace_file import WORKSPACE_FILE
-    from sqrp_cli.show.terminal.console import note, print_problems, progress
+    from sqrp_cli.show.terminal.console import note, print_problems
 
     # The folder and the arguments of a xacro come in any order.
     words = [str(ask.folder), *(ask.arguments or ())]
@@ -217,7 +217,7 @@ def _init(ask: requests.InitRequest, *, json: bool = requests.JSON) -> ExitCode:
         if not Path(root).is_dir():
             raise bad_input("missing-folder", f"--package-root: there is no folder {root}")
     try:
-        found = made(ask.but(folder=folder, arguments=given, progress=progress))
+        found = made(ask.but(folder=folder, arguments=given))
     except KeyboardInterrupt:
         if (folder / WORKSPACE_FILE).exists():
             note(f"{folder} is made, but its task was not run: sqrp check {shlex.quote(str(folder))}")

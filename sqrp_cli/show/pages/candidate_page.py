@@ -42,11 +42,10 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-def write_ranking(
-    found: Ranking, job: RankJob, path: Path, *, arguments: Sequence[str], jobs: int, progress: Progress
-) -> None:
+def write_ranking(found: Ranking, path: Path, *, arguments: Sequence[str], jobs: int, progress: Progress) -> None:
     """Write the page about a ranking. arguments: of the command. jobs: processes to use at most."""
-    cell, candidates = job.cell, found.candidates
+    job, candidates = found.session.job, found.candidates
+    cell = job.cell
     details = computed(
         lambda one: packed_playback(job, job.explain(one)), candidates, min(jobs, len(candidates) // 2), progress
     )

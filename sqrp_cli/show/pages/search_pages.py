@@ -24,7 +24,8 @@ def write_advice(
     document: AdviceDocument, path: Path, *, arguments: Sequence[str], jobs: int, progress: Progress
 ) -> None:
     """Write the page about an advice. arguments: of the command. jobs: processes to use at most."""
-    goal, original, before = document.want, document.session.session.job, document.start
+    goal, question = document.want, document.question
+    original, before = RankJob(question.sampling, cell=question.cell, world=question.world), question.before
     several = any(one.found.way.parameters != before.way.parameters for one in document.advice)
 
     def row(name: str, mark: str, kind: str, found: CandidateResult, reasons: Sequence[str]) -> PageRow:
