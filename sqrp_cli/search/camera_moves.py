@@ -21,7 +21,6 @@ from sqrp_cli.search.aiming import Aim, free_for_cameras, looking_at, turned, wh
 from sqrp_cli.search.bound import CameraBound
 from sqrp_cli.search.question import NoneMeets, ProposedChange, Start, Tried, analysed_again
 from sqrp_cli.search.vectors import Bounds, shells
-from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.timeline import observe
 from sqrp_cli.study.whole_analysis import WholeAnalysis, mean_quality
 
@@ -170,7 +169,7 @@ class CameraMove:
             timelines = [
                 observe(step.planned, observer, question.sampling, full=False) for step in self.start.goal_steps
             ]
-            quality = mean_quality([(qualities_over(timeline).q_eoi, timeline.request.T_eoi) for timeline in timelines])
+            quality = mean_quality([(timeline.qualities.q_eoi, timeline.request.T_eoi) for timeline in timelines])
             met = not falls_short(quality or 0.0, goal.q_eoi or 0.0)
         else:
             analysis = self.analysed(change)

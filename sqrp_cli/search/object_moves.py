@@ -14,7 +14,6 @@ from sqrp_cli.search.aiming import whole_millimetres
 from sqrp_cli.search.question import ProposedChange, Question
 from sqrp_cli.search.vectors import Bounds
 from sqrp_cli.study.analysis import with_delays
-from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.whole_analysis import WholeAnalysis, mean_qualities, whole_analysis, whole_observed
 
 DIRECTIONS = 12
@@ -69,7 +68,7 @@ class ObjectMove:
                 if not isinstance(seen, Infeasible):
                     time = sum(step.planned.motion.time for step in seen)
                     found = mean_qualities(
-                        (qualities_over(step.timeline), step.planned.T, step.planned.T_eoi) for step in seen
+                        (step.timeline.qualities, step.planned.T, step.planned.T_eoi) for step in seen
                     )
                     in_time = question.goal.time is None or time <= question.goal.time
                     if in_time and question.goal.may_be_met(found):

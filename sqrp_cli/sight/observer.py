@@ -21,7 +21,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import SIDES, Cause, HidingPart
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.sight_scene import SightScene
-from sqrp_cli.sight.solids import Solid, Solids
+from sqrp_cli.sight.solids import Solid
 from sqrp_cli.sight.targets import SoughtBox, Target
 
 
@@ -182,4 +182,4 @@ class Observer:
 
     @cached_property
     def _scene(self) -> SightScene:
-        return SightScene(self.solids if isinstance(self.solids, Solids) else Solids(self.solids), self.lights)
+        return SightScene(self.solids, self.lights)

@@ -15,7 +15,7 @@ from sqrp_cli.camera.projection import Projection
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.kernel import kernel
 from sqrp_cli.sight.scene_states import SceneStates
-from sqrp_cli.sight.solids import Solids
+from sqrp_cli.sight.solids import Solid
 from sqrp_cli.sight.targets import SoughtBox
 
 SKIN = 1e-3
@@ -48,17 +48,22 @@ def shrink(size: Sequence[float], normal: Sequence[float] | None) -> tuple[Array
 class SightScene:
     """Solids that may hide boxes, with the lights that shine on them."""
 
-    def __init__(self, solids: Solids, lights: Mapping[str, Light]) -> None:
+    def __init__(self, solids: Sequence[Solid], lights: Mapping[str, Light]) -> None:
         """Lights are numbered in their order, solids too."""
         self._solids = solids
-        self._frames = {name: number for number, name in enumerate(dict.fromkeys(solids.parents))}
+        parents = [solid.part.parent for solid in solids]
+        self._frames = {name: number for number, name in enumerate(dict.fromkeys(parents))}
+        self._called: dict[str, list[int]] = {}  # the solids of each link, object or part, by index
+        for index, solid in enumerate(solids):
+            for name in {solid.part.parent, solid.part.name}:
+                self._called.setdefault(name, []).append(index)
         self.parts: list[str] = sorted({solid.name for solid in solids})
         """The name of each part; all pieces of a link are one."""
         rank = {name: number for number, name in enumerate(self.parts)}
         self._with_solids = partial(
             kernel.Scene,
             [solid.compiled for solid in solids],
-            frame=np.array([self._frames[parent] for parent in solids.parents], dtype=np.int64),
+            frame=np.array([self._frames[parent] for parent in parents], dtype=np.int64),
             part=np.array([rank[solid.name] for solid in solids], dtype=np.int64),
             is_scenery=np.array([solid.color is not None for solid in solids], dtype=bool),
         )
@@ -123,10 +128,10 @@ class SightScene:
             found = np.zeros((3, len(self._solids)), dtype=bool)
             found[0] = True
             for name in box.encloses:
-                found[0, self._solids.called(name)] = False
+                found[0, self._called.get(name, [])] = False
             alike = {color for color in self._colors if look_alike(box.color, color)}
             found[1] = [solid.color in alike for solid in self._solids] if alike else False
-            found[2, self._solids.called(box.seeks or "")] = True
+            found[2, self._called.get(box.seeks or "", [])] = True
             found[1] &= ~found[2]
             self._masks[key] = found
         return self._masks[key]

@@ -97,27 +97,6 @@ class Solid:
         return abs(turns) > 0.5 and abs(turns - round(turns)) < _CLOSED
 
 
-class Solids(tuple[Solid, ...]):
-    """s solids in the order of their indices."""
-
-    @cached_property
-    def parents(self) -> tuple[str, ...]:
-        """The parent of each."""
-        return tuple(solid.part.parent for solid in self)
-
-    def called(self, name: str) -> list[int]:
-        """The indices of those of a link or object, or of the part, of this name."""
-        return self._called.get(name, [])
-
-    @cached_property
-    def _called(self) -> dict[str, list[int]]:
-        called: dict[str, list[int]] = {}
-        for index, solid in enumerate(self):
-            for name in {solid.part.parent, solid.part.name}:
-                called.setdefault(name, []).append(index)
-        return called
-
-
 def load_solid(part: Part, name: str | None = None) -> Solid:
     """Make the solid of a part, with the part's name or another one; meshes are read once per file and scale.
 

@@ -19,7 +19,6 @@ from sqrp_cli.show.documents.explanation import Verdict
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import first_failing
 from sqrp_cli.study.observation import observation_of
-from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import FixedStep, first_samples
 from sqrp_cli.study.timeline import PlannedMotion, SampledMotion, Timeline
 from sqrp_cli.study.whole_analysis import mean_quality
@@ -98,7 +97,7 @@ class Sketch(SampledMotion):
                 indices.append(table.setdefault(verdict, len(table)))
             rows = np.array(indices)[place.reshape(keys.shape)].T.tolist()
             atoms[str(target.atom)] = {"covered": covered, "cameras": dict(zip(names, rows, strict=True))}
-        qualities, lost = qualities_over(timeline), observation.blind
+        qualities, lost = timeline.qualities, observation.blind
         return CoverageShown(
             t=self.samples.t.tolist(),
             covered=np.where(timeline.monitored, timeline.covered, _UNASKED).tolist(),

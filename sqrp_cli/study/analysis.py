@@ -25,7 +25,6 @@ from sqrp_cli.skill.target_box import object_of
 from sqrp_cli.study.drop_detection import onset
 from sqrp_cli.study.fault_sights import all_fault_windows
 from sqrp_cli.study.late_faults import why_late
-from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.result import CandidateResult, PhaseSeen
 from sqrp_cli.study.sampling import MAX_SAMPLES, FixedCount, FixedStep, Sampling
 from sqrp_cli.study.stage import Stage
@@ -76,7 +75,7 @@ class Observed:
     @property
     def without_delays(self) -> CandidateResult:
         """Its figures, without faults."""
-        planned, seen = self.planned, qualities_over(self.timeline)
+        planned, seen = self.planned, self.timeline.qualities
         return CandidateResult(
             candidate=planned.candidate,
             feasible=True,

@@ -22,7 +22,6 @@ from sqrp_cli.motion.plan_motion import Motion, no_such_branch, plan_branches, p
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.reach import TURNED
 from sqrp_cli.study.analysis import Analysis, Observed, all_observed, planned_motion, with_delays
-from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.ranking import QUALITY_STEP, compared_quality, compared_time, contenders, rank
 from sqrp_cli.study.result import BlindEnd, CandidateResult, Criterion, WayFigures, WaysFound
 from sqrp_cli.study.sampling import Sampling
@@ -152,7 +151,7 @@ def analysed_ways(
     found = _observed_ways(cell, candidate, world, sampling, WantedWay(limit=limit), plans, orders=(True, False))
     if not isinstance(found, Infeasible):
         for one in sorted(found[1], key=lambda way: compared_time(way.planned.motion.time)):
-            if worth(qualities_over(one.timeline)):
+            if worth(one.timeline.qualities):
                 yield from with_delays(cell, [one], sampling)
 
 
@@ -170,7 +169,7 @@ def _observed_ways(
     """How many ways of a candidate there are, and what is seen of those within the limit.
 
     Where it leaves paths open, the ways with direct ones come first, then those that are found for each of `orders`:
-    whether quality in events of interest counts before all else. contending: see `Plans.observed`.
+    whether quality in events of interest counts before all else. contending: see `observed`.
     """
     if (obstacle := impossible_start(cell, candidate, world)) is not None:
         return obstacle
@@ -182,7 +181,7 @@ def _observed_ways(
         longest, motions = wanted.limit.within(motions, whose)
     if isinstance(motions, Infeasible):
         return replace(motions, tried=tried)
-    seen = plans.observed(cell, motions, sampling, contending=contending)
+    seen = observed(cell, motions, sampling, contending=contending)
     if candidate.open_paths:
         from sqrp_cli.study.seen_ways import seen_ways
 
@@ -191,6 +190,30 @@ def _observed_ways(
         for first in orders:
             seen += seen_ways(cell, motions, sampling, longest=longest, interest_first=first)
     return WaysFound(tried=tried, feasible=len(motions), pareto=()), seen
+
+
+def observed(
+    cell: Cell, motions: Sequence[PlannedMotion], sampling: Sampling, *, contending: bool = False
+) -> list[Observed]:
+    """What is seen of ways.
+
+    contending: whether only `contenders` need exact figures. The fastest ways are looked at first. Another one is
+    looked at no closer once all that it may still be found to see is no more than a way sees that takes no longer: then
+    it is no contender, by its figures so far or by exact ones.
+    """
+    if not contending or len({(one.T > 0.0, one.T_eoi > 0.0) for one in motions}) > 1:  # not to be compared
+        return all_observed(cell, motions, sampling, full=False)
+    found: dict[int, Observed] = {}
+    known: list[tuple[float, float, float]] = []  # time and qualities as they are compared
+    for number in sorted(range(len(motions)), key=lambda index: motions[index].motion.time):
+        planned, time = motions[number], compared_time(motions[number].motion.time)
+        # A way that is as fast must see more. What rounding may add must not decide.
+        least = [(avg - (QUALITY_STEP if time == its_time else 0.0), eoi) for its_time, avg, eoi in known]
+        bars = (1.0 - np.array(least).reshape(-1, 2)) * [planned.T, planned.T_eoi] * (1.0 + 1e-9)
+        (found[number],) = all_observed(cell, [planned], sampling, full=False, bars=bars)
+        seen = found[number].timeline.qualities
+        known.append((time, compared_quality(seen.q_avg), compared_quality(seen.q_eoi)))
+    return [found[number] for number in range(len(motions))]
 
 
 def with_branch(cell: Cell, planned: PlannedMotion) -> Candidate:
@@ -239,37 +262,7 @@ Planned = tuple[int, Sequence[PlannedMotion] | Infeasible]
 class Plans:
     """The planned ways of candidates in one world, for cells that differ in their cameras only."""
 
-    observed_by: tuple[Cell, Sampling] | None = None
-    """The one cell, with its cameras, and the sampling for which what is seen of the ways is kept; None: it is not."""
     _known: dict[tuple[int, bool], tuple[Candidate, Planned]] = field(default_factory=dict)
-    _seen: dict[int, Observed] = field(default_factory=dict)
-
-    def observed(
-        self, cell: Cell, motions: Sequence[PlannedMotion], sampling: Sampling, *, contending: bool = False
-    ) -> list[Observed]:
-        """What is seen of some of the planned ways; observed at the first time, if that is kept.
-
-        contending: whether only `contenders` need exact figures, if nothing is kept. The fastest ways are looked at
-        first. Another one is looked at no closer once all that it may still be found to see is no more than a way sees
-        that takes no longer: then it is no contender, by its figures so far or by exact ones.
-        """
-        if self.observed_by is not None and self.observed_by[0] is cell and self.observed_by[1] == sampling:
-            missing = [one for one in motions if id(one) not in self._seen]
-            self._seen |= zip(map(id, missing), all_observed(cell, missing, sampling, full=False), strict=True)
-            return [self._seen[id(one)] for one in motions]
-        if not contending or len({(one.T > 0.0, one.T_eoi > 0.0) for one in motions}) > 1:  # not to be compared
-            return all_observed(cell, motions, sampling, full=False)
-        found: dict[int, Observed] = {}
-        known: list[tuple[float, float, float]] = []  # time and qualities as they are compared
-        for number in sorted(range(len(motions)), key=lambda index: motions[index].motion.time):
-            planned, time = motions[number], compared_time(motions[number].motion.time)
-            # A way that is as fast must see more. What rounding may add must not decide.
-            least = [(avg - (QUALITY_STEP if time == its_time else 0.0), eoi) for its_time, avg, eoi in known]
-            bars = (1.0 - np.array(least).reshape(-1, 2)) * [planned.T, planned.T_eoi] * (1.0 + 1e-9)
-            (found[number],) = all_observed(cell, [planned], sampling, full=False, bars=bars)
-            seen = qualities_over(found[number].timeline)
-            known.append((time, compared_quality(seen.q_avg), compared_quality(seen.q_eoi)))
-        return [found[number] for number in range(len(motions))]
 
     def of(self, cell: Cell, candidate: Candidate, world: World, *, fastest: bool) -> Planned:
         """Every way of a candidate, of the branch that it states, if any; planned at the first time.

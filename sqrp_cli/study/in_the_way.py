@@ -21,35 +21,31 @@ from sqrp_cli.study.result import HiddenTarget
 
 _VIEWS = 4000
 """Views to look at together, to bound the memory."""
-HiddenViews = Sequence[Sequence[Mapping[tuple[int, int], tuple[HidingPart, ...]]]]
-"""What hides each box of each target, the largest share first, by the indices of sample and camera; where it is hidden.
-
-Targets and boxes are in the order of the matrix of an observation.
-"""
+HiddenViews = Mapping[tuple[int, int, int, int], tuple[HidingPart, ...]]
+"""What hides a box, the largest share first, by the indices of target, box, sample and camera; where it is hidden."""
 
 
 def hidden_views(cell: Cell, analysis: Analysis, rows: Indices | None = None) -> HiddenViews:
     """What hides each hidden box from each camera in the samples `rows` (all), of what must be observable then."""
-    wanted = np.ones(len(analysis.timeline.samples), dtype=bool)
-    if rows is not None:
-        wanted[:] = False
-        wanted[rows] = True
     observation, targets = analysis.timeline.observation, analysis.planned.targets
-    found: list[list[dict[tuple[int, int], tuple[HidingPart, ...]]]] = [[{} for _ in one.boxes] for one in targets]
-    sought = [box for target in targets for box in target.boxes]
-    views = [np.zeros((3, 0), dtype=np.int64)]  # box, sample and camera of each; neighbours are of one box and camera
+    asked_for = observation.required.copy()
+    if rows is not None:
+        asked_for[np.isin(np.arange(len(asked_for)), rows, invert=True)] = False
+    views = [np.zeros((4, 0), dtype=np.int64)]  # neighbours are of one box and camera
     for column, of_target in enumerate(observation.full_matrix):
-        asked_for = (observation.required[:, column] & wanted)[:, None]
-        for verdicts in of_target:
-            camera, row = np.nonzero(((verdicts.cause == Cause.HIDDEN) & asked_for).T)
-            views.append(np.stack([np.full(len(row), len(views) - 1), row, camera]))
-    by_box = [of_box for of_target in found for of_box in of_target]
+        for number, verdicts in enumerate(of_target):
+            camera, row = np.nonzero(((verdicts.cause == Cause.HIDDEN) & asked_for[:, column, None]).T)
+            views.append(np.stack([np.full(len(row), column), np.full(len(row), number), row, camera]))
     states, every = analysis.planned.stage.states(analysis.timeline.samples), np.concatenate(views, axis=1)
+    sought, first = (
+        [box for target in targets for box in target.boxes],
+        np.cumsum([0, *(len(t.boxes) for t in targets)]),
+    )
+    found: dict[tuple[int, int, int, int], tuple[HidingPart, ...]] = {}
     for start in range(0, every.shape[1], _VIEWS):
-        box, row, camera = every[:, start : start + _VIEWS]
-        hiding = cell.observer.occluders(sought, states, box, camera, row)
-        for number, *at, parts in zip(box, row, camera, hiding, strict=True):
-            by_box[number][int(at[0]), int(at[1])] = parts
+        column, number, row, camera = some = every[:, start : start + _VIEWS]
+        hiding = cell.observer.occluders(sought, states, first[column] + number, camera, row)
+        found |= zip(zip(*some.tolist(), strict=True), hiding, strict=True)
     return found
 
 
@@ -63,7 +59,7 @@ def in_the_way(cell: Cell, analysis: Analysis, views: HiddenViews) -> tuple[Hidd
         for index, camera in enumerate(cell.observer.cameras):
             hidden = np.flatnonzero(first.cause[:, index] == Cause.HIDDEN)
             some = [
-                (float(weights[rows[at]]), views[column][int(box_of[at, index])][int(rows[at]), index])
+                (float(weights[rows[at]]), views[column, int(box_of[at, index]), int(rows[at]), index])
                 for at in hidden.tolist()
             ]
             duration = sum(weight for weight, _ in some)
@@ -86,14 +82,8 @@ def to_move(cell: Cell, analysis: Analysis, views: HiddenViews) -> tuple[HidingP
     Shares are of all that is hidden, from any camera, while too few see the target. views: all hidden ones.
     """
     weights, uncovered = sample_weights(analysis), analysis.timeline.observation.uncovered
-    some = [
-        (float(weights[row]), parts)
-        for of_target, missed in zip(views, uncovered.T, strict=True)
-        for of_box in of_target
-        for (row, _), parts in of_box.items()
-        if missed[row]
-    ]
-    parts = _mean(some, 1.0)
+    missed = [(float(weights[row]), parts) for (column, _, row, _), parts in views.items() if uncovered[row, column]]
+    parts = _mean(missed, 1.0)
     total = sum(part.share for part in parts)
     if total <= 0.0:
         return ()

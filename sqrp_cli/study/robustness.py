@@ -17,7 +17,6 @@ from sqrp_cli.sight.likelihood import BoxLikelihood, at_least, likelihoods
 from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.study.analysis import Analysis
-from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.timeline import observe
 
@@ -46,8 +45,8 @@ def without_each_camera(cell: Cell, analysis: Analysis) -> dict[str, Qualities]:
         for column, (target, boxes) in enumerate(zip(analysis.planned.targets, observation.full_matrix, strict=True)):
             enough = np.delete(sees_all(boxes), index, axis=1).sum(axis=1) >= target.cameras
             covered[:, column] = observation.required[:, column] & enough
-        timeline = replace(analysis.timeline, observation=replace(observation, covered=covered))
-        qualities[camera.name] = qualities_over(timeline)
+        without = replace(analysis.timeline, observation=replace(observation, covered=covered))
+        qualities[camera.name] = without.qualities
     return qualities
 
 
@@ -57,7 +56,7 @@ def under_calibration_errors(
     """The qualities of a candidate for `DRAWS` draws of camera poses; draw i is the same for every candidate."""
     drawn = (perturbed(cell.observer, calibration, draw) for draw in range(DRAWS))
     timelines = (observe(analysis.planned, observer, sampling, full=False) for observer in drawn)
-    return tuple(map(qualities_over, timelines))
+    return tuple(one.qualities for one in timelines)
 
 
 def perturbed(observer: Observer, calibration: Calibration, draw: int) -> Observer:

@@ -23,7 +23,6 @@ from sqrp_cli.skill.skill import HOME
 from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.move_search import COST_DECIMALS, EXACTLY, SETTLED, MoveSearch, SeenPath, exchange
 from sqrp_cli.study.observation import look_at
-from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.result import BlindEnd
 from sqrp_cli.study.sampling import Adaptive, Sampling
 from sqrp_cli.study.stage import Samples
@@ -286,7 +285,7 @@ def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> 
     found = analyse(cell, runner.planned.candidate.with_paths(vias), runner.planned.world, sampling, full=False)
     if isinstance(found, Infeasible) or found.planned.motion.time > longest + ROUNDING:
         return None
-    blind = (1.0 - (qualities_over(found.timeline).q_avg or 0.0)) * found.planned.T
+    blind = (1.0 - (found.timeline.qualities.q_avg or 0.0)) * found.planned.T
     return (
         found if round(runner.weight * blind + found.planned.motion.time, COST_DECIMALS) < runner.cost(direct) else None
     )

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from sqrp_cli.cell.workspace import World
+from sqrp_cli.figures import Qualities
 from sqrp_cli.geometry import Array, Indices, Mask, ranges
 from sqrp_cli.logic.formula_time import GroundOperator
 from sqrp_cli.motion.plan_motion import Motion
@@ -92,6 +93,20 @@ class Timeline:
     def of_interest(self) -> Mask:
         """Whether each sample lies in an event of interest, shape (m,)."""
         return self.request.stage.of_interest(self.samples)
+
+    @cached_property
+    def qualities(self) -> Qualities:
+        """Q_avg: total length of the runs of covered states over T, in 0..1; Q_eoi: the same in the events of interest.
+
+        A run is a maximal sequence of consecutive covered samples inside one stretch of formula time; its length is
+        last minus first (paper, section on sensing quality computation). Samples that share an instant add no length,
+        so the sum over runs is the sum over neighbouring covered samples. None where no formula, or no event, applies
+        for any time.
+        """
+        gaps, within = self.samples.gaps, self.covered[:-1] & self.covered[1:]
+        parts = ((gaps[within], self.request.T), (gaps[within & self.of_interest[:-1]], self.request.T_eoi))
+        # Rounding may add a little.
+        return Qualities(*(min(float(part.sum()), T) / T if T > 0 else None for part, T in parts))
 
     @property
     def largest_gap(self) -> float:

@@ -17,7 +17,7 @@ from sqrp_cli.logic.planner import Planner, find_plan
 from sqrp_cli.logic.unified_planner import engine_planner
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.robot import inverse_kinematics
-from sqrp_cli.study.find import Plans
+from sqrp_cli.study.find import Plans, observed
 from sqrp_cli.study.pipeline import RankJob
 from sqrp_cli.study.timeline import PlannedMotion
 from sqrp_cli.task.task import Candidate
@@ -61,7 +61,7 @@ def candidates(runs: int) -> None:
         for candidate in session.task.candidates:
             plan = partial(_planned, cell, candidate, session.job)
             if not isinstance(ways := plan(), Infeasible):
-                look = partial(Plans().observed, cell, ways, session.job.sampling, contending=True)
+                look = partial(observed, cell, ways, session.job.sampling, contending=True)
                 times.append((cpu_milliseconds(plan, runs), cpu_milliseconds(look, runs), len(ways)))
         figures = [[own[0] / own[2] for own in times], [own[1] / own[2] for own in times]]
         figures.append([sum(pair) for pair in zip(*figures, strict=True)])

@@ -22,7 +22,6 @@ from sqrp_cli.motion.plan_motion import plan_branches
 from sqrp_cli.search import advise
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.study.analysis import analyse
-from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.timeline import observe
@@ -467,7 +466,7 @@ def test_no_point_of_a_fine_grid_is_nearer(advised, every):
             X_FC = look_at(camera.X_FC[:3, 3] + offset, (-0.31, -0.027, 0.245))
             observer = Observer((replace(camera, X_FC=X_FC), *others), cell.observer.solids)
             timeline = observe(replace(found.planned, faults={}), observer, Adaptive(), full=False)
-            if qualities_over(timeline).q_eoi == 1.0:
+            if timeline.qualities.q_eoi == 1.0:
                 nearer.append(offset.tolist())
     assert not nearer, json.dumps(nearer)
 

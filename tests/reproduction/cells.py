@@ -16,7 +16,6 @@ from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
 from sqrp_cli.sight.targets import Target
 from sqrp_cli.study.analysis import Analysis, analyse
-from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Adaptive, FixedCount, FixedStep, Sampling
@@ -68,7 +67,7 @@ def feasible(cell: Cell, candidate: Candidate, sampling: Sampling, *, full: bool
 
 def figures_of(found: Analysis) -> Figures:
     """Of a analysis that has both qualities."""
-    qualities = qualities_over(found.timeline)
+    qualities = found.timeline.qualities
     assert qualities.q_avg is not None
     assert qualities.q_eoi is not None
     return Figures(100 * qualities.q_avg, 100 * qualities.q_eoi, found.planned.motion.time)

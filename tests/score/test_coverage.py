@@ -20,7 +20,6 @@ from sqrp_cli.score.kept import COVERAGE, Outcome
 from sqrp_cli.score.score import ScoredCell, read_cell
 from sqrp_cli.study.analysis import analyse
 from sqrp_cli.study.blind_spans import coverage_of, difference, intersection
-from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import Adaptive, FixedCount
 from sqrp_cli.task.task import read_task
 
@@ -48,7 +47,7 @@ def test_the_time_in_which_every_literal_is_covered_is_q_avg(cell, found):
     monitored = [stretch for target in targets for stretch in target.required]
     lost = [stretch for target in targets for stretch in difference(target.required, target.covered)]
     length = union_length(monitored)
-    quality = qualities_over(found.timeline).q_avg
+    quality = found.timeline.qualities.q_avg
     assert 1 - union_length(lost) / length == pytest.approx(quality, abs=2 * found.timeline.transition_error + 1e-6)
 
 

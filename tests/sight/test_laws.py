@@ -28,7 +28,6 @@ from sqrp_cli.sight.targets import Target
 from sqrp_cli.study import pipeline
 from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.pipeline import RankJob, assess_all
-from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount
 from sqrp_cli.study.stage import Stage
 from sqrp_cli.task.task import read_task
@@ -309,7 +308,7 @@ def test_quality_keeps_these_laws_over_a_motion(ur5: RobotModel, seed: int) -> N
     cameras, solids = motion.observer.cameras, motion.observer.solids
 
     def by(cameras: tuple[Camera, ...], solids: tuple[Solid, ...] = solids) -> tuple[float | None, float | None]:
-        found = qualities_over(replace(motion, observer=Observer(cameras, solids)).timeline(FixedCount(40)))
+        found = replace(motion, observer=Observer(cameras, solids)).timeline(FixedCount(40)).qualities
         return found.q_avg, found.q_eoi
 
     found = by(cameras)
@@ -384,7 +383,7 @@ def test_the_place_of_a_whole_cell_does_not_change_its_quality(
             for t in quick.planned.targets
         )
         there = WatchedMotion(stage, cell.observer, targets, quick.planned.formulas, quick.timeline.request.faults)
-        found, before = qualities_over(there.timeline(Adaptive())), qualities_over(quick.timeline)
+        found, before = there.timeline(Adaptive()).qualities, quick.timeline.qualities
         assert found.q_avg == pytest.approx(before.q_avg, abs=DEFAULT_TOLERANCE)
         assert found.q_eoi == pytest.approx(before.q_eoi, abs=DEFAULT_TOLERANCE)
 

@@ -16,7 +16,6 @@ from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.motion.way_around import find_way as find_way_around
 from sqrp_cli.study.analysis import Analysis, analyse, analysed, planned_motion
 from sqrp_cli.study.find import WantedWay, find_way
-from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.robustness import Calibration, perturbed
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.seen_ways import move_searches
@@ -29,7 +28,7 @@ MOST_TRIES = 250
 
 def blind_time(found: Analysis) -> float:
     """How long what is monitored is not covered [s]."""
-    quality = qualities_over(found.timeline).q_avg
+    quality = found.timeline.qualities.q_avg
     return 0.0 if quality is None else (1.0 - quality) * found.planned.T
 
 

@@ -17,7 +17,6 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.likelihood import at_least
 from sqrp_cli.study.analysis import Analysis, analyse
-from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.robustness import expectation, expected_quality
 from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.task import read_task
@@ -118,7 +117,7 @@ def test_a_curve_as_steep_as_a_limit_gives_the_quality_of_the_limit(tabletop: Wo
     least = tabletop.detectors["color"].min_pixels
     step = Curve(bias=-1000.0 * log(least), pixels=1000.0)
     sure, found = expected(with_curve(tabletop, step))
-    assert sure == pytest.approx(qualities_over(found.timeline).q_avg, abs=1e-6)
+    assert sure == pytest.approx(found.timeline.qualities.q_avg, abs=1e-6)
 
 
 def test_a_longer_exposure_is_never_better_and_without_curves_nothing_is_computed(tabletop: Workspace) -> None:

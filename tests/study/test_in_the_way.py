@@ -56,14 +56,16 @@ def views(cell: Cell, behind: Analysis) -> HiddenViews:
 
 def test_each_hidden_box_has_the_parts_that_hide_it(cell: Cell, behind: Analysis, views: HiddenViews) -> None:
     observation = behind.timeline.observation
-    for required, boxes, of_target in zip(observation.required.T, observation.full_matrix, views, strict=True):
-        hidden = [set(zip(*np.nonzero(required[:, None] & (box.cause == Cause.HIDDEN)), strict=True)) for box in boxes]
-        assert hidden == [set(of_box) for of_box in of_target]
-    assert {tuple(part.name for part in parts) for parts in views[0][0].values()} == {("bar", "wall")}
-    row = next(iter(views[0][0]))[0]
-    assert hidden_views(cell, behind, np.array([row]))[0][0] == {
-        view: parts for view, parts in views[0][0].items() if view[0] == row
+    hidden = {
+        (column, number, *at)
+        for column, boxes in enumerate(observation.full_matrix)
+        for number, box in enumerate(boxes)
+        for at in np.argwhere(observation.required[:, [column]] & (box.cause == Cause.HIDDEN)).tolist()
     }
+    assert hidden == set(views)
+    assert {tuple(part.name for part in parts) for view, parts in views.items() if view[0] == 0} == {("bar", "wall")}
+    row = next(iter(views))[2]
+    assert hidden_views(cell, behind, np.array([row])) == {view: hid for view, hid in views.items() if view[2] == row}
 
 
 def test_the_bar_takes_its_share_from_the_wall_behind_it(cell: Cell, behind: Analysis, views: HiddenViews) -> None:
@@ -94,8 +96,7 @@ def test_the_object_is_to_be_moved_first_without_which_most_would_be_seen(
     assert what_to_move([]) == ""
     seen = watched(cell, "watch seen")
     none = hidden_views(cell, seen)
-    assert not any(of_box for of_target in none for of_box in of_target)
-    assert (in_the_way(cell, seen, none), to_move(cell, seen, none)) == ((), ())
+    assert (none, in_the_way(cell, seen, none), to_move(cell, seen, none)) == ({}, (), ())
 
 
 def test_explain_tells_it_in_text_document_and_pictures(
@@ -115,7 +116,7 @@ def test_explain_tells_it_in_text_document_and_pictures(
 
 
 def test_parts_beyond_the_third_count_together(views: HiddenViews) -> None:
-    wall = next(iter(views[0][0].values()))[0]
+    wall = next(iter(views.values()))[0]
     parts = [replace(wall, name=f"p{number}", share=0.1) for number in range(5)]
     assert part_shares_in_words(parts[:4]) == "p0 10.0 %, p1 10.0 %, p2 10.0 %, 1 other 10.0 %"
     assert part_shares_in_words(parts).endswith("2 others 20.0 %")

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given
 
 from sqrp_cli.logic.literal import Literal
-from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.task.pieces import Piece
 from tests.task.studies import ATOMS, Story, always, eventually, make_story, stories, stretches
 
@@ -42,7 +41,7 @@ def defined_quality(story: Story, kinds: tuple[str, ...]) -> float | None:
 
 @given(story=stories())
 def test_quality_is_the_length_of_the_covered_runs_over_formula_time_or_within_the_events(story: Story) -> None:
-    found = qualities_over(story.timeline)
+    found = story.timeline.qualities
     assert found.q_avg == pytest.approx(defined_quality(story, BOTH))
     assert found.q_eoi == pytest.approx(defined_quality(story, ("eventually",)))
     assert all(quality is None or 0.0 <= quality <= 1.0 + 1e-12 for quality in (found.q_avg, found.q_eoi))
@@ -74,7 +73,7 @@ TOUCHING = (always(0.0, 1.0, HOLD), always(1.0, 2.0, HOLD.negated()), eventually
 )
 def test_qualities_worked_out_by_hand(durations, formulas, qualities, T):
     story = make_story(durations, formulas, [4], seed=0, seen=1.0)
-    found = qualities_over(story.timeline)
+    found = story.timeline.qualities
     assert (found.q_avg, found.q_eoi) == tuple(one and pytest.approx(one) for one in qualities)
     assert pytest.approx(T) == story.timeline.request.T
     assert T or story.timeline.monitored.sum() == 1

@@ -10,7 +10,6 @@ from sqrp_cli.geometry import inverse
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.study.analysis import Analysis, analyse
-from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.robustness import DRAWS, Calibration, perturbed, under_calibration_errors, without_each_camera
 from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.task import read_task
@@ -38,8 +37,8 @@ def test_a_failed_camera_leaves_the_qualities_of_a_cell_without_it(cell: Cell, f
         smaller = dataclasses.replace(cell, observer=Observer(others, cell.observer.solids))
         again = analyse(smaller, found.planned.candidate, cell.initial_world, SAMPLING, full=False)
         assert isinstance(again, Analysis)
-        assert told[camera.name] == qualities_over(again.timeline)
-    now = qualities_over(found.timeline)
+        assert told[camera.name] == again.timeline.qualities
+    now = found.timeline.qualities
     assert all(left.q_avg <= now.q_avg and left.q_eoi <= now.q_eoi for left in told.values())
     assert any(left.q_eoi < now.q_eoi for left in told.values()), "some cameras are needed"
 
@@ -50,7 +49,7 @@ def test_draws_are_seeded_and_an_exact_calibration_changes_nothing(cell: Cell, f
         for spread, seed in ((0.02, 1), (0.02, 1), (0.02, 2), (0.0, 0))
     )
     assert one == again != other
-    assert exact == (qualities_over(found.timeline),) * DRAWS
+    assert exact == (found.timeline.qualities,) * DRAWS
 
 
 def test_the_errors_have_the_stated_spread(cell: Cell) -> None:

@@ -22,7 +22,6 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.observation import look_at, look_closely
-from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import (
     DEFAULT_TOLERANCE,
     MAX_MOTION,
@@ -70,7 +69,7 @@ def compare(name: str, adaptive: Timeline, dense: Timeline) -> list[Difference]:
         ("q_avg", dense.request.T, np.ones(len(dense.samples), dtype=bool)),
         ("q_eoi", dense.request.T_eoi, dense.of_interest),
     ):
-        approximate, reference = (getattr(qualities_over(one), quality) for one in (adaptive, dense))
+        approximate, reference = (getattr(one.qualities, quality) for one in (adaptive, dense))
         if approximate is None or reference is None:
             assert approximate == reference
             continue
@@ -123,7 +122,7 @@ def test_a_tighter_tolerance_is_kept_too(watched_finely: list[tuple[WatchedMotio
         coarse = motion.timeline(Adaptive(1e-2))
         assert fine.transition_error <= 1e-6
         assert coarse.transition_error <= 1e-2
-        assert qualities_over(coarse).q_avg == pytest.approx(qualities_over(fine).q_avg, abs=1e-2)
+        assert coarse.qualities.q_avg == pytest.approx(fine.qualities.q_avg, abs=1e-2)
 
 
 @pytest.mark.parametrize("sampling", [FixedCount(5), FixedCount(23), FixedStep(0.21), FixedStep(0.05)])
@@ -133,7 +132,7 @@ def test_the_shortfall_of_fixed_sampling_is_at_most_transitions_times_spacing(
     for motion, fine in watched_finely:
         coarse = motion.timeline(sampling)
         spacing = float(coarse.samples.gaps.max())
-        length = (qualities_over(fine).q_avg - qualities_over(coarse).q_avg) * fine.request.T
+        length = (fine.qualities.q_avg - coarse.qualities.q_avg) * fine.request.T
         assert abs(length) <= (changed(fine.covered).sum() + 1e-3) * spacing
 
 
@@ -231,7 +230,7 @@ def test_what_no_formula_covers_is_neither_covered_nor_counted(ur5: RobotModel) 
     assert pytest.approx(2.0) == timeline.request.T
     assert not timeline.monitored[inside].any()
     assert not timeline.covered[inside].any()
-    assert 0 <= qualities_over(timeline).q_avg <= 1
+    assert 0 <= timeline.qualities.q_avg <= 1
 
 
 @settings(max_examples=25, deadline=None)
@@ -241,7 +240,7 @@ def test_an_interval_cut_in_two_that_touch_has_the_same_quality(ur5: RobotModel,
     time, hold = motion.stage.motion.time, Literal(HOLD)
     whole = with_formulas(motion, always(0.0, time, hold)).timeline(Adaptive(1e-6))
     parts = with_formulas(motion, always(0.0, cut * time, hold), always(cut * time, time, hold))
-    assert qualities_over(parts.timeline(Adaptive(1e-6))).q_avg == pytest.approx(qualities_over(whole).q_avg, abs=1e-5)
+    assert parts.timeline(Adaptive(1e-6)).qualities.q_avg == pytest.approx(whole.qualities.q_avg, abs=1e-5)
 
 
 SPANS = {"a1": (0.0, 1.0), "a2": (1.0, 1.5), "a3": (1.5, 4.0)}

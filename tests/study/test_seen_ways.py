@@ -16,7 +16,6 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.find import TimeLimit, WantedWay, find_way
-from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.robustness import Calibration
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.seen_ways import MOST_COMBINATIONS, blind_ends, move_searches, paths_together, way_with_seen_paths
@@ -161,7 +160,7 @@ def test_a_limit_of_the_time_is_kept(tabletop: Workspace, g2: Compared, limit: s
     fastest = g2.direct.planned.motion.time
     longest = 10.1 if limit.endswith("s") else float(limit[:-1]) * fastest
     assert bounded.seen.planned.motion.time <= longest + 1e-6
-    assert qualities_over(bounded.seen.timeline).q_avg >= qualities_over(g2.direct.timeline).q_avg - 1e-3
+    assert bounded.seen.timeline.qualities.q_avg >= g2.direct.timeline.qualities.q_avg - 1e-3
 
 
 def test_the_gain_of_g2_outlives_cameras_that_are_off(g2: Compared) -> None:

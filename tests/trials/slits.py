@@ -25,7 +25,6 @@ from sqrp_cli.sight.solids import Solid
 from sqrp_cli.skill.target_box import TargetBox
 from sqrp_cli.study.analysis import Analysis
 from sqrp_cli.study.find import WantedWay, find_way
-from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import MAX_STEP, Adaptive
 from sqrp_cli.study.stage import Samples, Stage
 from sqrp_cli.study.timeline import Timeline
@@ -282,7 +281,7 @@ def slits(number: int, folder: Path) -> dict[str, Any] | None:
     covered = seen(camera, states.camera_poses(camera)[0], box, X_WB, rays, least=box.limits.min_visible)
     steps = np.diff(samples.t) * (np.diff(samples.piece) == 0)
     truth = float(steps[covered[1:] & covered[:-1]].sum()) / analysis.planned.T
-    error = 100 * abs((qualities_over(analysis.timeline).q_avg or 0.0) - truth)
+    error = 100 * abs((analysis.timeline.qualities.q_avg or 0.0) - truth)
     events = sorted(events_of(analysis.timeline, samples, covered), key=lambda event: event[1])
     said = ", ".join(
         f"{'gain' if gained else 'loss'} {1000 * length:.0f} ms{'' if found else ' MISSED'}"

@@ -109,8 +109,7 @@ def find_advice(cell: Cell, ask: AdviseRequest, content: bytes | None = None) ->
     cannot be read, and for a folder that cannot be used.
     """
     session = Session.begin(cell, ask)
-    plans = Plans((session.cell, session.job.sampling))
-    session = replace(session, job=replace(session.job, plans=plans))
+    session = replace(session, job=replace(session.job, plans=Plans()))
     workspace, came, interrupted = session.cell.workspace, list[KindOutcome](), None
     with closing(Results(ask.out)) as results:
         question = _question(session, ask)

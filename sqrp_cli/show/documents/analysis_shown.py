@@ -157,7 +157,7 @@ def _coverage(
         return BoxVerdict(
             **vars(verdict_shown(cell.observer, matrix[number], row, camera)),
             visible=finite_or_none(float(matrix[number].visible[row, camera])),
-            hidden_by=None if views is None else views[column][number].get((row, camera)),
+            hidden_by=None if views is None else views.get((column, number, row, camera)),
             sight=sight,
         )
 

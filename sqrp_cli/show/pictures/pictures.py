@@ -121,7 +121,7 @@ def _picture(
         which = f"box {failing.box} is " if failing.box is not None and len(target.boxes) > 1 else ""
         why, color = ("covered", COVERED) if failing.covered else (f"{which}{failing.words}", HIDDEN)
         captions.append((f"{target.atom}: {why}", color))
-        if parts := views[column][number].get((row, index)):
+        if parts := views.get((column, number, row, index)):
             hidden = sum(part.share for part in parts)
             captions.append((f"hidden {100 * hidden:.1f} %: {part_shares_in_words(parts)}", None))
         for box, verdicts in zip(target.boxes, boxes, strict=True):
