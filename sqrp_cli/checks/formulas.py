@@ -24,7 +24,7 @@ from sqrp_cli.logic.truth import Truth, joined
 from sqrp_cli.skill.skill import Requirement, Skill
 
 if TYPE_CHECKING:
-    from sqrp_cli.search.suggestion import Feasibility
+    from sqrp_cli.search.planned_step import CheckedCandidate
     from sqrp_cli.study.result import CandidateResult
 
 _Demand: TypeAlias = tuple[Requirement, Interval, set[Atom], set[Atom]]
@@ -128,9 +128,9 @@ def formulas_against_the_action(skill: Skill) -> Iterator[Problem]:
                 yield Problem(code, message, requirement.place, mend=mend)
 
 
-def intervals_outside(found: Iterable[CandidateResult | Feasibility]) -> tuple[Problem, ...]:
+def intervals_outside(found: Iterable[CandidateResult | CheckedCandidate]) -> tuple[Problem, ...]:
     """One warning for each interval that lies outside the motion of some candidate."""
-    feasible: dict[str, list[tuple[CandidateResult | Feasibility, float]]] = {}
+    feasible: dict[str, list[tuple[CandidateResult | CheckedCandidate, float]]] = {}
     for one in found:
         if one.time is not None:
             feasible.setdefault(one.candidate.skill.name, []).append((one, one.time))

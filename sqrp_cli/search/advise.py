@@ -22,7 +22,6 @@ from sqrp_cli.search.question import (
     NoneMeets,
     ProposedChange,
     Question,
-    Start,
     Tried,
     analysed_again,
     figures_of,
@@ -42,19 +41,19 @@ Remembered = Callable[[Kind, Callable[[], KindOutcome]], KindOutcome]
 
 def outcomes(question: Question, remembered: Remembered = lambda _, search: search()) -> Iterator[KindOutcome]:
     """What comes of each kind of change, in order."""
-    start, suffices = Start(question), False
+    suffices = False
     for kind in KINDS if question.kinds is None else question.kinds:
         if suffices and question.kinds is None:
             yield KindOutcome(kind=kind, why="not tried, as the motion is enough; --kinds tries them")
             continue
-        outcome = remembered(kind, partial(_outcome, start, kind))
+        outcome = remembered(kind, partial(_outcome, question, kind))
         suffices |= kind in MOTION and bool(outcome.found)
         yield outcome
 
 
-def _outcome(start: Start, kind: Kind) -> KindOutcome:
-    question, goal = start.question, start.question.goal
-    if why := _why_not(start, kind):
+def _outcome(question: Question, kind: Kind) -> KindOutcome:
+    goal = question.goal
+    if why := _why_not(question, kind):
         return KindOutcome(kind=kind, why=why)
     match kind:
         case "way":
@@ -62,18 +61,18 @@ def _outcome(start: Start, kind: Kind) -> KindOutcome:
         case "path":
             tried = seen_path(question)
         case "object":
-            tried = moved_object(start)
+            tried = moved_object(question)
         case "camera":
-            tried = further_camera(start)
+            tried = further_camera(question)
         case _:
-            tried = changed_camera(start, kind)
+            tried = changed_camera(question, kind)
     if not isinstance(tried, NoneMeets):
-        advice = tuple(_advice(start, one) for one in sorted(tried, key=lambda one: one.change.size))
+        advice = tuple(_advice(question, one) for one in sorted(tried, key=lambda one: one.change.size))
         return KindOutcome(kind=kind, found=len(advice), advice=advice)
     if not tried.near:
         return KindOutcome(kind=kind, why=tried.why)
     # What comes nearest, and which limit stands in its way, in a sentence.
-    before = question.before if kind in MOTION else figures_of(question.way, start.analysis)
+    before = question.before if kind in MOTION else figures_of(question.way, question.analysis)
     near = min(tried.near, key=lambda one: goal.shortfall(one.analysis.result))
     steps, reached = near.analysis.steps, near.analysis.result
     if replace(goal, time=None).met(reached):
@@ -94,9 +93,9 @@ def _outcome(start: Start, kind: Kind) -> KindOutcome:
     return KindOutcome(kind=kind, why=tried.why, nearest=nearest)
 
 
-def _why_not(start: Start, kind: Kind) -> str:
+def _why_not(question: Question, kind: Kind) -> str:
     """Why a kind of change cannot help, without any search; empty if it may."""
-    question, goal = start.question, start.question.goal
+    goal = question.goal
     first = (*question.fastest.steps, question.fastest)[0]
     unready = impossible_start(question.cell, first, question.world, contacts=False)  # whatever is changed in it
     if unready is not None:
@@ -105,7 +104,7 @@ def _why_not(start: Start, kind: Kind) -> str:
         return "not tried, as a recorded motion is what it was"
     if kind in MOTION or kind == "object":
         return "not tried, as the way is fixed" if question.fixed and kind in MOTION else ""
-    before = figures_of(question.way, start.analysis)
+    before = figures_of(question.way, question.analysis)
     if not before.feasible:
         return f"no camera helps: {question.way.skill.in_pieces(before.reasons[0])}"
     if goal.time is not None and before.time is not None and before.time > goal.time:
@@ -116,30 +115,30 @@ def _why_not(start: Start, kind: Kind) -> str:
     return ""
 
 
-def changed_camera(start: Start, kind: Literal["aim", "position", "lens"]) -> Sequence[Tried] | NoneMeets:
+def changed_camera(question: Question, kind: Literal["aim", "position", "lens"]) -> Sequence[Tried] | NoneMeets:
     """The least turn, move or change of lens of every camera that helps."""
     moves, aside = list[Callable[[], Move]](), list[Callable[[], Move]]()
-    for camera in start.question.cell.workspace.cameras.values():
-        if not CameraMove(start, kind, camera).bound.hopeful:
+    for camera in question.cell.workspace.cameras.values():
+        if not CameraMove(question, kind, camera).bound.hopeful:
             continue
-        moves.append(partial(CameraMove, start, kind, camera))
+        moves.append(partial(CameraMove, question, kind, camera))
         # Moved with the aim kept, and with the middle of what must be seen as aim where that is no help by itself.
-        centred = CameraMove(start, kind, camera, middle=True)
+        centred = CameraMove(question, kind, camera, middle=True)
         if kind == "position" and len(centred.bound.corners) and not centred.meets(centred.change(np.zeros(3))):
-            aside.append(partial(CameraMove, start, kind, camera, middle=True))
+            aside.append(partial(CameraMove, question, kind, camera, middle=True))
     if not moves:
         return NoneMeets("none of a single camera can be: where one is missing, another is, too")
-    return least_changes(start.question, [*moves, *aside], "none is enough", "there is no free place for a camera")
+    return least_changes(question, [*moves, *aside], "none is enough", "there is no free place for a camera")
 
 
-def moved_object(start: Start) -> Sequence[Tried] | NoneMeets:
+def moved_object(question: Question) -> Sequence[Tried] | NoneMeets:
     """The least move of what the way of a question handles, and of what hides most."""
-    question, cell, world = start.question, start.question.cell, start.question.world
+    cell, world = question.cell, question.world
     names = [name for name in question.way.binding.values() if not cell.workspace.objects[name].fixed]
-    if isinstance(start.analysis, WholeAnalysis):
+    if isinstance(question.analysis, WholeAnalysis):
         # Then what hides targets while too few cameras see them, the one first without which most would be seen.
         alone, share, behind = defaultdict[str, float](float), defaultdict[str, float](float), Counter[str]()
-        for step in start.analysis.steps:
+        for step in question.analysis.steps:
             for one in to_move(cell, step, hidden_views(cell, step)):
                 alone[one.name] += one.alone
                 share[one.name] += one.share
@@ -162,19 +161,19 @@ def moved_object(start: Start) -> Sequence[Tried] | NoneMeets:
     return least_changes(question, moves, none, nowhere)
 
 
-def _advice(start: Start, met: Tried) -> AdviceFound:
+def _advice(question: Question, met: Tried) -> AdviceFound:
     """A change with its effect on all tasks; another motion is nothing for other candidates or tasks.
 
     Cameras are changed in the same motion, else it is planned again.
     """
-    question, change, reached, effects = start.question, met.change, met.analysis.result, list[TaskEffect]()
+    change, reached, effects = met.change, met.analysis.result, list[TaskEffect]()
     found = replace(reached, candidate=question.best.candidate, best_way=reached.candidate)
     if change.kind in MOTION:
         pairs = [(question.before, found) if one is question.best else (one, one) for one in question.results]
         effects.append(TaskEffect.of(question.task, pairs))
     else:
         cell, world, sampling = change.in_cell(question.cell), change.in_world(question.world), question.sampling
-        for text, ways in start.tasks:
+        for text, ways in question.affected_ways:
             pairs = []
             for way, before in ways:
                 after = before

@@ -19,7 +19,7 @@ from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.search.advice_result import Margin
 from sqrp_cli.search.aiming import Aim, free_for_cameras, looking_at, turned, whole_millimetres
 from sqrp_cli.search.bound import CameraBound
-from sqrp_cli.search.question import NoneMeets, ProposedChange, Start, Tried, analysed_again
+from sqrp_cli.search.question import NoneMeets, ProposedChange, Question, Tried, analysed_again
 from sqrp_cli.search.vectors import Bounds, shells
 from sqrp_cli.study.timeline import observe
 from sqrp_cli.study.whole_analysis import WholeAnalysis, mean_quality
@@ -53,25 +53,25 @@ class CameraMove:
     """Changes of one camera, see `least.Move`: of its aim, its position, its lens, or where a further one stands."""
 
     def __init__(
-        self, start: Start, kind: CameraKind, camera: Camera, *, middle: bool = False, lens_of: str = ""
+        self, question: Question, kind: CameraKind, camera: Camera, *, middle: bool = False, lens_of: str = ""
     ) -> None:
         """middle: whether it looks at the middle of what it must see. lens_of: see `ProposedChange`."""
-        self.start, self.kind, self.camera, self._middle, self._lens_of = start, kind, camera, middle, lens_of
+        self.question, self.kind, self.camera, self._middle, self._lens_of = question, kind, camera, middle, lens_of
         self.bounds = _BOUNDS[kind]
 
     @cached_property
     def bound(self) -> CameraBound:
         """What the camera must see; sharper with each change that does not do."""
-        question, name = self.start.question, self.camera.name
+        question, name = self.question, self.camera.name
         index = next((n for n, known in enumerate(question.cell.workspace.cameras) if known == name), None)
-        return CameraBound(question.cell, self.start.goal_steps, question.goal, index)
+        return CameraBound(question.cell, self.question.goal_steps, question.goal, index)
 
     @cached_property
     def aim(self) -> Aim:
         """What it looks at: as the workspace says, or the point of its axis nearest to what the goal is about."""
         camera, X_FC = self.camera, self.camera.X_FC
         new = Aim(X_FC[:3, 3], np.array([0.0, 0.0, 1.0]))
-        aim = new if self.kind == "camera" else self.start.question.aims.get(camera.name)
+        aim = new if self.kind == "camera" else self.question.aims.get(camera.name)
         if aim is None:
             boxes = [box for target in self.bound.targets for box in target.boxes]
             places = [self.bound.states.box_poses(box)[:, :3, 3].mean(axis=0) for box in boxes]
@@ -123,7 +123,7 @@ class CameraMove:
         if self.camera.frame != WORLD:
             return np.ones(len(eyes), dtype=bool)
         still = np.zeros(len(eyes), dtype=bool) if present is None else np.linalg.norm(eyes - present, axis=1) < 1e-9
-        free: Mask = still | free_for_cameras(self.start.question.cell, self.start.swept, eyes, present)
+        free: Mask = still | free_for_cameras(self.question.cell, self.question.swept, eyes, present)
         return free
 
     def change(self, vector: Array) -> ProposedChange:
@@ -161,13 +161,13 @@ class CameraMove:
 
     def meets(self, change: ProposedChange) -> bool:
         """See `least.Move`: by the exact timeline of what the goal is about; where it is missed, the bound learns."""
-        question, goal = self.start.question, self.start.question.goal
+        question, goal = self.question, self.question.goal
         if change.camera is None or not self._free(change.camera.X_FC[None])[0]:
             return False
         if goal.only_events:
             observer = change.in_cell(question.cell).observer
             timelines = [
-                observe(step.planned, observer, question.sampling, full=False) for step in self.start.goal_steps
+                observe(step.planned, observer, question.sampling, full=False) for step in self.question.goal_steps
             ]
             quality = mean_quality([(timeline.qualities.q_eoi, timeline.request.T_eoi) for timeline in timelines])
             met = not falls_short(quality or 0.0, goal.q_eoi or 0.0)
@@ -180,8 +180,8 @@ class CameraMove:
 
     def analysed(self, change: ProposedChange) -> WholeAnalysis:
         """The same motion with the changed camera."""
-        question = self.start.question
-        return analysed_again(change.in_cell(question.cell), self.start.feasible_analysis, question.sampling)
+        question = self.question
+        return analysed_again(change.in_cell(question.cell), self.question.feasible_analysis, question.sampling)
 
     def nearest(self) -> Array | None:
         """See `least.Move`: by the share of some samples that are covered."""
@@ -197,12 +197,12 @@ class CameraMove:
         return nearest
 
 
-def further_camera(start: Start) -> Sequence[Tried] | NoneMeets:
+def further_camera(question: Question) -> Sequence[Tried] | NoneMeets:
     """One more camera, with the lens of each of those that there are: the one with the most room around it.
 
     Of their lenses that with the narrowest, a middle and the widest view are tried.
     """
-    question, cameras = start.question, start.question.cell.workspace.cameras
+    cameras = question.cell.workspace.cameras
     fixed = [camera for camera in cameras.values() if camera.frame == WORLD]
     if not fixed:
         return NoneMeets("there is none to take the lens of")
@@ -213,7 +213,7 @@ def further_camera(start: Start) -> Sequence[Tried] | NoneMeets:
 
     def best(known: Camera) -> Tried | None:
         """The place with the most room around it from which a camera with the lens of a known one meets the goal."""
-        move = partial(CameraMove, start, "camera", replace(known, name=name), middle=True, lens_of=known.name)
+        move = partial(CameraMove, question, "camera", replace(known, name=name), middle=True, lens_of=known.name)
         one = move()
         if not len(one.bound.corners):
             return None
@@ -242,7 +242,7 @@ def further_camera(start: Start) -> Sequence[Tried] | NoneMeets:
                 return tried._replace(margin=Margin(less=0.0, more=more))
         return None
 
-    if not CameraMove(start, "camera", replace(fixed[0], name=name)).bound.hopeful:
+    if not CameraMove(question, "camera", replace(fixed[0], name=name)).bound.hopeful:
         return NoneMeets("one more is not enough, wherever it is")
     answers = [one for one in in_processes(best, few, question.jobs) if one is not None]
     if not answers:

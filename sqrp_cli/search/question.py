@@ -123,7 +123,7 @@ def analysed_again(cell: Cell, found: WholeAnalysis, sampling: Sampling, *, full
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Question:
-    """What is to be met, and what may be changed."""
+    """What is to be met, and what may be changed; what is found of it is computed once, when a kind first needs it."""
 
     task: str  # as it was asked for
     cell: Cell
@@ -156,18 +156,10 @@ class Question:
         cell = tried.change.in_cell(self.cell)
         return self.goal.met(analysed_again(cell, tried.analysis, self.sampling, full=True).result)
 
-
-@dataclass(frozen=True, eq=False)
-class Start:
-    """What changes of objects and cameras start from; each part is computed once, when a kind first needs it."""
-
-    question: Question
-
     @cached_property
     def analysis(self) -> WholeAnalysis | Infeasible:
-        """Of the way of the question, with the verdicts of every camera."""
-        asked = self.question
-        return whole_analysis(asked.cell, asked.way, asked.world, asked.sampling, full=True)
+        """Of the way that changes start from, with the verdicts of every camera."""
+        return whole_analysis(self.cell, self.way, self.world, self.sampling, full=True)
 
     @property
     def feasible_analysis(self) -> WholeAnalysis:
@@ -181,7 +173,7 @@ class Start:
 
         Those take a fraction of the whole motion's time.
         """
-        if not self.question.goal.only_events:
+        if not self.goal.only_events:
             return self.feasible_analysis.steps
         found = []
         for step in (step for step in self.feasible_analysis.steps if step.planned.T_eoi):
@@ -189,7 +181,7 @@ class Start:
             pieces = [piece for piece in planned.stage.pieces if piece.of_interest]
             stage = Stage(planned.stage.model, planned.motion, pieces, planned.world.X_WO)
             only = replace(planned, stage=stage, faults={})
-            timeline = observe(only, self.question.cell.observer, self.question.sampling, full=False)
+            timeline = observe(only, self.cell.observer, self.sampling, full=False)
             found.append(replace(step, planned=only, timeline=timeline))
         return tuple(found)
 
@@ -199,11 +191,10 @@ class Start:
         return [step.planned.stage.states(step.timeline.samples) for step in self.feasible_analysis.steps]
 
     @cached_property
-    def tasks(self) -> list[tuple[str, list[AnalysedWay]]]:
+    def affected_ways(self) -> list[tuple[str, list[AnalysedWay]]]:
         """The tasks that a change of the cell may affect, with their ways as they are now."""
-        asked = self.question
         found = list[tuple[str, list[AnalysedWay]]]()
-        for text, ways in asked.affected():
-            each = (whole_analysis(asked.cell, way, asked.world, asked.sampling, full=False) for way in ways)
+        for text, ways in self.affected():
+            each = (whole_analysis(self.cell, way, self.world, self.sampling, full=False) for way in ways)
             found.append((text, list(zip(ways, each, strict=True))))
         return found

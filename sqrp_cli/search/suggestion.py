@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.figures import NO_FIGURES
-from sqrp_cli.files.entries import from_fields
 from sqrp_cli.logic.domain import Domain, merge_domains
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.planner import Planner, PlanningResult, ProvenImpossible, find_plan
@@ -19,7 +18,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.motion.recorded_motion import RecordedMotions, limits_broken
 from sqrp_cli.records import dataclass
-from sqrp_cli.search.planned_step import PlannedStep
+from sqrp_cli.search.planned_step import CheckedCandidate, PlannedStep
 from sqrp_cli.study.find import WantedWay, some_motion
 from sqrp_cli.study.pipeline import RankJob, assess_all
 from sqrp_cli.study.ranking import rank
@@ -38,14 +37,13 @@ class Suggestion:
 
     outcome: Literal["satisfied", "plan", "impossible", "gave_up"]
     explanation: str  # one sentence; empty if the precondition holds already
-    steps: tuple[PlannedStep, ...] | None = None  # the plan
+    plan: list[PlannedStep] | None = None
     last: PlannedStep | None = None  # the candidate itself, after the plan; if it is feasible, every step is
 
     @property
     def words(self) -> str:
         """How planning ended; if a step of the plan cannot be done, which one and why."""
-        steps = (*(self.steps or ()), *((self.last,) if self.last else ()))
-        failing = next((step for step in steps if not step.feasible), None)
+        failing = next((step for step in (*(self.plan or ()), self.last) if step and not step.feasible), None)
         if failing is None:
             return self.explanation
         then = "after that" if failing is self.last else "but"
@@ -99,7 +97,7 @@ class Suggester:
                     result = RankJob(cell=self.cell, world=world).assess(candidate)
                 first = f"first do {', then '.join(map(str, steps))}"
                 last = _planned(candidate, world, result)
-                return Suggestion("plan", first, tuple(step for step, _ in done), last)
+                return Suggestion("plan", first, [step for step, _ in done], last)
             case ProvenImpossible(never):
                 parts = " and ".join(f"`{part}`" for part in never) or "all of it together"
                 return Suggestion("impossible", f"no sequence of this workspace's skills can establish {parts}")
@@ -172,69 +170,73 @@ def _text(step: PlanStep, workspace: Workspace) -> str:
     return " ".join([skill.name, *(f"{name}={value}" for name, value in bound)])
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Feasibility:
-    """Whether a candidate is feasible."""
+def check_candidate(candidate: Candidate, suggester: Suggester) -> CheckedCandidate:
+    """Check one candidate in the suggester's world: its precondition, and whether the robot can make its motion.
 
-    candidate: Candidate
-    feasible: bool
-    reasons: tuple[str, ...] = ()  # why not, most useful first
-    time: float | None = None
-    """Duration of its motion, with the first grip that works, in the fastest branch [s]; None if infeasible."""
-    suggestion: Suggestion  # how to establish its precondition
-    remarks: tuple[str, ...] = ()
-    """Detours and speeds that are not reached, such as `a1 goes around wall` and `a4 reaches 3.4 of 5 cm/s`."""
-    outside: tuple[tuple[int, int], ...] = ()
-    """The temporal operators that are never checked, see `grounding.formulas_outside`."""
-
-
-def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
-    """Check one candidate in the suggester's world: its precondition, and whether the robot can make its motion."""
+    Its time is that of the first grip that works, in the fastest branch.
+    """
+    suggestion, outside = Suggestion("satisfied", ""), list[tuple[int, int]]()
+    found: CandidateResult | Motion | Infeasible
     if candidate.steps:  # each in its way with `--ways first` after those before
         job = RankJob(cell=suggester.cell, world=suggester.world, wanted=WantedWay(fastest=True))
         found = job.assess(first_grip(candidate))
-        return from_fields(Feasibility, found, candidate=candidate, suggestion=Suggestion("satisfied", ""), outside=())
-    suggestion, motion = suggester.suggest(candidate), some_motion(suggester.cell, candidate, suggester.world)
-    if isinstance(recorded := candidate.skill.recorded, RecordedMotions) and isinstance(motion, Motion):
-        broken = tuple(limits_broken(motion, suggester.cell.collision, recorded.task.objects))
-        motion = Infeasible((*broken, *motion.doubts)) if broken else motion
-    feasible = not isinstance(motion, Infeasible)
-    outside = () if isinstance(motion, Infeasible) else formulas_outside(candidate, motion)
-    about: dict[str, Any] = {"candidate": candidate, "feasible": feasible, "suggestion": suggestion}
-    return from_fields(Feasibility, motion, **about, outside=outside)
+    else:
+        suggestion, found = suggester.suggest(candidate), some_motion(suggester.cell, candidate, suggester.world)
+        if isinstance(recorded := candidate.skill.recorded, RecordedMotions) and isinstance(found, Motion):
+            broken = tuple(limits_broken(found, suggester.cell.collision, recorded.task.objects))
+            found = Infeasible((*broken, *found.doubts)) if broken else found
+        outside += [] if isinstance(found, Infeasible) else formulas_outside(candidate, found)
+    reasons = () if isinstance(found, Motion) else found.reasons
+    time, remarks = (None, ()) if isinstance(found, Infeasible) else (found.time, found.remarks)
+    return CheckedCandidate(
+        parameters=candidate.parameters,
+        feasible=not reasons,
+        reasons=list(map(candidate.skill.in_pieces, reasons)),
+        time=time,
+        plan=suggestion.plan,
+        last=suggestion.last,
+        planning=suggestion.outcome,
+        name=candidate.name,
+        objects=dict(candidate.binding),
+        remarks=tuple(map(candidate.skill.in_pieces, remarks)),
+        advice=suggestion.words,
+        candidate=candidate,
+        outside=tuple(outside),
+    )
 
 
-def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple[PlannedStep, ...]:
+def best_suggestion(found: Sequence[CheckedCandidate], suggester: Suggester) -> tuple[PlannedStep, ...]:
     """The steps to complete a task: its best candidate, or a plan and the best candidate after it.
 
     Feasible candidates go before those that need a plan. Empty if neither exists.
     """
-    now = [feasibility.candidate for feasibility in found if feasibility.feasible]
+    now = [one.candidate for one in found if one.feasible]
     if now:
         job = RankJob(cell=suggester.cell, world=suggester.world)
         best = rank(tuple(assess_all(job, now, suggester.jobs)), "q_eoi")[0]
         done = job.steps_done(best.candidate) or [(best, suggester.world)]
         return tuple(_planned(one.candidate, world, one) for one, world in done)
-    suggestions = [one.suggestion for one in found if one.suggestion.last and one.suggestion.last.feasible]
+    suggestions = [one for one in found if one.last and one.last.feasible]
     fastest = suggester.wanted.fastest  # of many candidates: few are compared, the first of each plan first
     if fastest:
-        of_plan, numbered = Counter[object](), list[tuple[int, Suggestion]]()
+        of_plan, numbered = Counter[object](), list[tuple[int, CheckedCandidate]]()
         for suggestion in suggestions:
-            plan = tuple(step.action for step in suggestion.steps or ())
+            plan = tuple(step.action for step in suggestion.plan or ())
             numbered.append((of_plan[plan], suggestion))
             of_plan[plan] += 1
         numbered.sort(key=lambda pair: pair[0])
         suggestions = [suggestion for _, suggestion in numbered[:MOST_WITH_FIGURES]]
-    compared = list[tuple[CandidateResult, Suggestion]]()
-    for last, suggestion in ((suggestion.last, suggestion) for suggestion in suggestions):
-        if last is not None and last.result is not None and last.world is not None:
-            job, known = RankJob(cell=suggester.cell, world=last.world, wanted=suggester.wanted), last.result
-            compared.append((job.assess(known.candidate) if fastest else known, suggestion))
+    compared = list[tuple[CandidateResult, CheckedCandidate]]()
+    for one in suggestions:
+        if one.last and one.last.result and one.last.world:
+            job = RankJob(cell=suggester.cell, world=one.last.world, wanted=suggester.wanted)
+            compared.append((job.assess(one.candidate) if fastest else one.last.result, one))
     if not compared:
         return ()
     first = rank([result for result, _ in compared], "q_eoi")[0].candidate
-    chosen = next(suggestion for result, suggestion in compared if result.candidate is first)
-    if fastest and chosen.last is not None and chosen.last.result is not None:  # each step in its best way
-        alone = Suggester(suggester.cell, suggester.world, suggester.planner, suggester.jobs)
-        chosen = alone.suggest(chosen.last.result.candidate)
-    return tuple(step for step in (*(chosen.steps or ()), chosen.last) if step is not None)
+    chosen = next(one for result, one in compared if result.candidate is first)
+    plan, last = chosen.plan, chosen.last
+    if fastest:  # each step in its best way
+        alone = Suggester(suggester.cell, suggester.world, suggester.planner, suggester.jobs).suggest(chosen.candidate)
+        plan, last = alone.plan, alone.last
+    return tuple(step for step in (*(plan or ()), last) if step is not None)

@@ -65,14 +65,14 @@ def holding(cell: Cell) -> World:
 
 def test_a_precondition_that_holds_needs_no_plan(cell: Cell) -> None:
     suggestion = Suggester(cell, cell.initial_world).suggest(candidate(cell, "pickup g2"))
-    assert (suggestion.outcome, suggestion.steps, suggestion.explanation) == ("satisfied", None, "")
+    assert (suggestion.outcome, suggestion.plan, suggestion.explanation) == ("satisfied", None, "")
 
 
 def test_a_full_hand_is_emptied_first_and_the_step_is_scored(cell: Cell, holding: World) -> None:
     suggestion = Suggester(cell, holding).suggest(candidate(cell, "pickup g3"))
     assert suggestion.outcome == "plan"
-    assert suggestion.steps is not None
-    (step,) = suggestion.steps
+    assert suggestion.plan is not None
+    (step,) = suggestion.plan
     assert (step.action, step.feasible, step.reasons) == ("drop(g2)", True, [])
     assert step.result.q_eoi is None, "drop has no event of interest"
     assert suggestion.explanation == "first do drop(g2)"
@@ -83,7 +83,7 @@ def test_of_many_candidates_it_is_asked_whether_they_can_be_done_and_the_best_ha
     suggester = Suggester(cell, cell.initial_world, candidates=21)
     some = read_task("place g2 crate", tabletop).candidates[:3]
     checked = [check_candidate(one, suggester) for one in some]
-    found = [one.suggestion for one in checked if one.suggestion.last and one.suggestion.last.feasible]
+    found = [one for one in checked if one.last and one.last.feasible]
     assert found
     assert all(one.last and one.last.result and one.last.result.q_eoi is None for one in found)
     *_, best = best_suggestion(checked, suggester)
@@ -102,7 +102,7 @@ def test_a_step_that_cannot_be_done_says_why(cell: Cell, holding: World) -> None
     facts = (holding.facts - {Atom("hold", ("g2",))}) | {Atom("hold", ("g1",))}
     confused = World(facts, cell.initial_world.X_WO, None, None, holding.joints)
     suggestion = Suggester(cell, confused).suggest(candidate(cell, "pickup g3"))
-    assert suggestion.steps is not None
-    (step,) = suggestion.steps
+    assert suggestion.plan is not None
+    (step,) = suggestion.plan
     assert not step.feasible
     assert "the tool holds nothing that `d2` could release" in step.reasons

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import field
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -11,11 +11,10 @@ from sqrp_cli.document import LEFT_OUT, Document, Record, WorkspaceDocument, how
 from sqrp_cli.errors import Finding
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.records import dataclass
-from sqrp_cli.search.planned_step import PlannedStep
+from sqrp_cli.search.planned_step import CheckedCandidate, PlannedStep
 
 if TYPE_CHECKING:
     from sqrp_cli.errors import Problem
-    from sqrp_cli.search.suggestion import Feasibility
 else:  # no file has them
     Problem = Any
 
@@ -39,35 +38,6 @@ class ReportedProblem(Finding, Record):
         if (place := problem.place) is None:
             return from_fields(cls, problem, file=None, line=None, column=None)
         return from_fields(cls, problem, place, file=str(place.file))
-
-
-@dataclass(frozen=True, kw_only=True)
-class CheckedCandidate(Record):
-    """Whether a candidate can be done."""
-
-    parameters: Mapping[str, float | str]
-    """Objects and motion parameters by name."""
-    feasible: bool
-    """Whether it can be done at once: its precondition holds, and the robot can make its motion."""
-    reasons: list[str]
-    """Why it is infeasible, most useful first."""
-    time: float | None
-    """Duration of its motion, with the first grip that works, in the fastest branch [s]; null if it is infeasible."""
-    plan: list[PlannedStep] | None
-    """What has to be done first; empty if nothing, null if no plan was found."""
-    last: PlannedStep | None
-    """The candidate itself, after that; null if nothing has to be done first, or no plan was found. It has no figures
-    where more than 20 candidates were asked about."""
-    planning: str
-    """How planning ended."""
-    name: str
-    """What sets it apart among the candidates of its task."""
-    objects: Mapping[str, str]
-    """The object of each parameter that stands for one."""
-    remarks: tuple[str, ...]
-    """Detours and speeds that are not reached."""
-    advice: str
-    """What would have to be done first, or why nothing would help, in words; empty if nothing has to be."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -100,22 +70,15 @@ class Check(WorkspaceDocument):
         workspace: str,
         task: str | None,
         problems: Sequence[Problem],
-        found: Sequence[Feasibility] = (),
+        candidates: Sequence[CheckedCandidate] = (),
         suggested: Sequence[PlannedStep] = (),
         example: str | None = None,
     ) -> Check:
         """Candidates with their verdicts, and the findings about the workspace."""
-        candidates = []
-        for one in found:
-            steps, in_pieces = one.suggestion.steps, one.candidate.skill.in_pieces
-            said = {"reasons": [*map(in_pieces, one.reasons)], "remarks": tuple(map(in_pieces, one.remarks))}
-            plan = {"plan": None if steps is None else list(steps), "planning": one.suggestion.outcome}
-            known = {**said, **plan, "objects": dict(one.candidate.binding), "advice": one.suggestion.words}
-            candidates.append(from_fields(CheckedCandidate, one.candidate, one.suggestion, one, **known))
         return cls(
             workspace=workspace,
             task=task,
-            candidates=candidates,
+            candidates=list(candidates),
             problems=[ReportedProblem.of(problem) for problem in problems],
             path=path,
             suggested=list(suggested),
