@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Literal
@@ -19,9 +19,9 @@ from sqrp_cli.search.least import Move, least_changes
 from sqrp_cli.search.motion_search import other_way, seen_path
 from sqrp_cli.search.object_moves import BOUNDS, DIRECTIONS, ObjectMove
 from sqrp_cli.search.question import (
-    NoneMeets,
     ProposedChange,
     Question,
+    Search,
     Tried,
     analysed_again,
     figures_of,
@@ -57,23 +57,23 @@ def _outcome(question: Question, kind: Kind) -> KindOutcome:
         return KindOutcome(kind=kind, why=why)
     match kind:
         case "way":
-            tried = other_way(question)
+            tried, none = other_way(question)
         case "path":
-            tried = seen_path(question)
+            tried, none = seen_path(question)
         case "object":
-            tried = moved_object(question)
+            tried, none = moved_object(question)
         case "camera":
-            tried = further_camera(question)
+            tried, none = further_camera(question)
         case _:
-            tried = changed_camera(question, kind)
-    if not isinstance(tried, NoneMeets):
+            tried, none = changed_camera(question, kind)
+    if not none:
         advice = tuple(_advice(question, one) for one in sorted(tried, key=lambda one: one.change.size))
         return KindOutcome(kind=kind, found=len(advice), advice=advice)
-    if not tried.near:
-        return KindOutcome(kind=kind, why=tried.why)
+    if not tried:
+        return KindOutcome(kind=kind, why=none)
     # What comes nearest, and which limit stands in its way, in a sentence.
     before = question.before if kind in MOTION else figures_of(question.way, question.analysis)
-    near = min(tried.near, key=lambda one: goal.shortfall(one.analysis.result))
+    near = min(tried, key=lambda one: goal.shortfall(one.analysis.result))
     steps, reached = near.analysis.steps, near.analysis.result
     if replace(goal, time=None).met(reached):
         timed = [(one, step.planned.candidate.skill) for step in steps for one in step.planned.motion.primitives]
@@ -90,7 +90,7 @@ def _outcome(question: Question, kind: Kind) -> KindOutcome:
     missing, nearer = goal.missed(reached), goal.is_nearer(reached, before)
     found = _change_found(near.change, reached)
     nearest = from_fields(NearestChange, found, missing=missing, limit=limit, nearer=nearer)
-    return KindOutcome(kind=kind, why=tried.why, nearest=nearest)
+    return KindOutcome(kind=kind, why=none, nearest=nearest)
 
 
 def _why_not(question: Question, kind: Kind) -> str:
@@ -115,7 +115,7 @@ def _why_not(question: Question, kind: Kind) -> str:
     return ""
 
 
-def changed_camera(question: Question, kind: Literal["aim", "position", "lens"]) -> Sequence[Tried] | NoneMeets:
+def changed_camera(question: Question, kind: Literal["aim", "position", "lens"]) -> Search:
     """The least turn, move or change of lens of every camera that helps."""
     moves, aside = list[Callable[[], Move]](), list[Callable[[], Move]]()
     for camera in question.cell.workspace.cameras.values():
@@ -127,11 +127,11 @@ def changed_camera(question: Question, kind: Literal["aim", "position", "lens"])
         if kind == "position" and len(centred.bound.corners) and not centred.meets(centred.change(np.zeros(3))):
             aside.append(partial(CameraMove, question, kind, camera, middle=True))
     if not moves:
-        return NoneMeets("none of a single camera can be: where one is missing, another is, too")
+        return (), "none of a single camera can be: where one is missing, another is, too"
     return least_changes(question, [*moves, *aside], "none is enough", "there is no free place for a camera")
 
 
-def moved_object(question: Question) -> Sequence[Tried] | NoneMeets:
+def moved_object(question: Question) -> Search:
     """The least move of what the way of a question handles, and of what hides most."""
     cell, world = question.cell, question.world
     names = [name for name in question.way.binding.values() if not cell.workspace.objects[name].fixed]
@@ -154,7 +154,7 @@ def moved_object(question: Question) -> Sequence[Tried] | NoneMeets:
     carriers = {world.held, *(one.on for one in cell.workspace.objects.values())}
     names = [name for name in dict.fromkeys(names) if name in world.X_WO and name not in carriers][:MOST_OBJECTS]
     if not names:
-        return NoneMeets("no object is handled or hides anything")
+        return (), "no object is handled or hides anything"
     moves: list[Callable[[], Move]] = [partial(ObjectMove, question, name) for name in names]
     tried = f"for {', '.join(names)}, in {DIRECTIONS} directions up to {100 * BOUNDS.reaches[-1]:.0f} cm"
     none, nowhere = f"none is enough {tried}", f"there is no free place within reach {tried}"

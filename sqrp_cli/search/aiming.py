@@ -11,13 +11,14 @@ import numpy as np
 
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.files.frames import WORLD
-from sqrp_cli.geometry import Array, Mask, box_corners, cross, pose, read_only, transform
+from sqrp_cli.geometry import Array, Mask, box_corners, cross, inverse, pose, read_only, transform
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import Part, Sphere
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import Solid, distance, load_solid
 
+_PLACES_TOGETHER = 400_000  # places to compare with a solid at once, counted in every state, to bound the memory
 _PARALLEL = 1e-9
 """Sine of the angle below which a direction has no side, as in `geometry.look_at`."""
 
@@ -88,11 +89,26 @@ def free_for_cameras(cell: Cell, swept: Sequence[SceneStates], eyes: Array, pres
     fixed = [(obj.X_WO, obj.size) for obj in carriers if obj.fixed and obj.X_WO is not None]
     tops = [float(transform(X_WO, box_corners(size))[:, 2].max()) for X_WO, size in fixed]
     free: Mask = eyes[:, 2] >= max((top for top in tops if top <= height), default=-np.inf)
-    for solid in cell.observer.solids:
-        for states in swept:
-            rows = np.flatnonzero(free)
-            free[rows] = ~touched(solid, states.X_WF[solid.part.parent], eyes[rows], CAMERA_RADIUS)
+    for states in swept:
+        free &= ~touching(cell, states, WORLD, eyes, CAMERA_RADIUS)
     return free
+
+
+def touching(cell: Cell, states: SceneStates, frame: str, places: Array, radius: float) -> Mask:
+    """Whether a ball at each of p places (p, 3) in a frame touches anything in any state, shape (p,).
+
+    What is fixed to the same link as the places is not looked at. radius: of the ball [m].
+    """
+    found, X_FW = np.zeros(len(places), dtype=bool), inverse(states.X_WF[frame])
+    for solid in cell.observer.solids:
+        X_FP = X_FW @ states.X_WF[solid.part.parent]
+        if frame != WORLD and float(np.ptp(X_FP, axis=0).max()) < 1e-9:
+            continue
+        step = max(1, _PLACES_TOGETHER // len(X_FP))
+        for start in range(0, len(places), step):
+            here = np.flatnonzero(~found[start : start + step]) + start
+            found[here] = touched(solid, X_FP, places[here], radius)
+    return found
 
 
 def touched(solid: Solid, X_FP: Array, places: Array, radius: float) -> Mask:

@@ -89,10 +89,7 @@ class CameraBound:
             wanted = _about_goal(self._goal, step, timeline.samples)
             lost = wanted[~timeline.covered[wanted]]
             found = timeline.samples.some(_thinned(timeline.samples, lost, MOST_SAMPLES // 4))
-            known = set(zip(samples.piece.tolist(), samples.t.tolist(), strict=True))
-            pairs = zip(found.piece.tolist(), found.t.tolist(), strict=True)
-            added = found.some(np.array([pair not in known for pair in pairs], dtype=bool))
-            joined.append(samples.joined(added)[0])
+            joined.append(samples.with_new(found))
         same = sum(map(len, joined)) == len(self._hopeless)
         return self if same else CameraBound(self._cell, self._steps, self._goal, self._index, joined)
 

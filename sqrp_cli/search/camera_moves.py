@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import count
@@ -19,7 +19,7 @@ from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.search.advice_result import Margin
 from sqrp_cli.search.aiming import Aim, free_for_cameras, looking_at, turned, whole_millimetres
 from sqrp_cli.search.bound import CameraBound
-from sqrp_cli.search.question import NoneMeets, ProposedChange, Question, Tried, analysed_again
+from sqrp_cli.search.question import ProposedChange, Question, Search, Tried, analysed_again
 from sqrp_cli.search.vectors import Bounds, shells
 from sqrp_cli.study.timeline import observe
 from sqrp_cli.study.whole_analysis import WholeAnalysis, mean_quality
@@ -197,7 +197,7 @@ class CameraMove:
         return nearest
 
 
-def further_camera(question: Question) -> Sequence[Tried] | NoneMeets:
+def further_camera(question: Question) -> Search:
     """One more camera, with the lens of each of those that there are: the one with the most room around it.
 
     Of their lenses that with the narrowest, a middle and the widest view are tried.
@@ -205,7 +205,7 @@ def further_camera(question: Question) -> Sequence[Tried] | NoneMeets:
     cameras = question.cell.workspace.cameras
     fixed = [camera for camera in cameras.values() if camera.frame == WORLD]
     if not fixed:
-        return NoneMeets("there is none to take the lens of")
+        return (), "there is none to take the lens of"
     lenses = {(camera.width, camera.height, field_of_view(camera)): camera for camera in reversed(fixed)}
     ordered = [camera for _, camera in sorted(lenses.items(), key=lambda entry: entry[0][2])]
     few = [ordered[n] for n in dict.fromkeys([0, len(ordered) // 2, len(ordered) - 1])]
@@ -243,11 +243,11 @@ def further_camera(question: Question) -> Sequence[Tried] | NoneMeets:
         return None
 
     if not CameraMove(question, "camera", replace(fixed[0], name=name)).bound.hopeful:
-        return NoneMeets("one more is not enough, wherever it is")
+        return (), "one more is not enough, wherever it is"
     answers = [one for one in in_processes(best, few, question.jobs) if one is not None]
     if not answers:
-        return NoneMeets("one more is not enough from any free place that was tried")
-    return [max(answers, key=lambda one: one.margin.more if one.margin else 0.0)]
+        return (), "one more is not enough from any free place that was tried"
+    return [max(answers, key=lambda one: one.margin.more if one.margin else 0.0)], ""
 
 
 def field_of_view(camera: Camera) -> float:

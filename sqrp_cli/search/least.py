@@ -17,7 +17,7 @@ from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.search.advice_result import Margin
 from sqrp_cli.search.camera_moves import CameraMove
 from sqrp_cli.search.object_moves import ObjectMove
-from sqrp_cli.search.question import NoneMeets, ProposedChange, Question, Tried
+from sqrp_cli.search.question import ProposedChange, Question, Search, Tried
 from sqrp_cli.search.vectors import fine_grid
 
 Move: TypeAlias = CameraMove | ObjectMove
@@ -47,9 +47,7 @@ _GIVEN_UP = 4
 """Batches of a fine grid that are given up before all of it is: the bound tells too little of what is decided."""
 
 
-def least_changes(
-    question: Question, moves: Sequence[Callable[[], Move]], none: str, nowhere: str
-) -> Sequence[Tried] | NoneMeets:
+def least_changes(question: Question, moves: Sequence[Callable[[], Move]], none: str, nowhere: str) -> Search:
     """The least change of each target that meets the goal, with its margin; or what comes nearest.
 
     moves: each makes a move that has learned nothing, so that answers do not depend on what was asked before; of one
@@ -73,7 +71,7 @@ def least_changes(
         best.setdefault(found[number].target, number)
     sure = in_processes(lambda number: confirmed(question, moves[number](), found[number]), list(best.values()), jobs)
     if answers := [one for one in sure if one is not None]:
-        return answers
+        return answers, ""
 
     def nearest(number: int) -> Tried | None:
         move = moves[number]()
@@ -83,7 +81,7 @@ def least_changes(
         return None if change is None or analysis is None else Tried(change, analysis)
 
     near = [one for one in in_processes(nearest, numbers, jobs) if one is not None]
-    return NoneMeets(none if near else nowhere, near)
+    return near, none if near else nowhere
 
 
 def confirmed(question: Question, move: Move, found: ProposedChange) -> Tried | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import chain
 from math import inf
@@ -11,7 +11,7 @@ import numpy as np
 
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.search.question import NoneMeets, ProposedChange, Question, Tried
+from sqrp_cli.search.question import ProposedChange, Question, Search, Tried
 from sqrp_cli.skill.settings import SEEN, Reference
 from sqrp_cli.skill.skill import JointMove
 from sqrp_cli.study.analysis import Analysis, analyse
@@ -27,12 +27,12 @@ MOST_BEGINNINGS = 12
 """Ways of the first steps that are followed further: a third of them the fastest, the others those seen best."""
 
 
-def other_way(question: Question) -> Sequence[Tried] | NoneMeets:
+def other_way(question: Question) -> Search:
     """The fastest of all ways that meet the goal; of several steps, of combinations of their Pareto-optimal ways."""
     best, goal = question.best, question.goal
     cell, world, sampling = question.cell, question.world, question.sampling
     if not best.feasible or not (best.ways or best.candidate.steps):
-        return NoneMeets(f"none can be done: {'; '.join(best.reasons[:1])}")
+        return (), f"none can be done: {'; '.join(best.reasons[:1])}"
     if best.candidate.steps:
         ways: Iterable[WholeAnalysis] = sorted(_of_steps(question), key=lambda whole: whole.result.time or 0.0)
     else:
@@ -49,26 +49,25 @@ def other_way(question: Question) -> Sequence[Tried] | NoneMeets:
         way, said = one.candidate.parameters, choice_in_words(best.candidate, one.candidate)
         tried = Tried(ProposedChange(kind="way", target=best.candidate.name, parameters=way, said=said), one)
         if question.met_for_sure(tried):
-            return [tried]
+            return [tried], ""
         near.append(tried)
-    if best.ways is None:
-        return NoneMeets(f"none of {len(near)} combinations of the steps' ways is enough", near)
-    return NoneMeets(f"none of {best.ways.tried} is enough", near)
+    of = f"{len(near)} combinations of the steps' ways" if best.ways is None else best.ways.tried
+    return near, f"none of {of} is enough"
 
 
-def seen_path(question: Question) -> Sequence[Tried] | NoneMeets:
+def seen_path(question: Question) -> Search:
     """Paths of joint moves that the cameras can follow, in as few steps as that takes."""
     candidate, near = question.best.candidate, list[Tried]()
     if not candidate.steps and not _open_paths(candidate):
-        return NoneMeets("not tried: the skill or the task says which path")
+        return (), "not tried: the skill or the task says which path"
     for tried in _in_seen_paths(question):
         near.append(tried)
         if question.met_for_sure(tried):
-            return [tried]
+            return [tried], ""
     if near:
-        return NoneMeets("none that was found is enough", near)
+        return near, "none that was found is enough"
     stated = "not tried: the skills or the task say which paths"
-    return NoneMeets(stated if candidate.steps else "it cannot be done, or not in that time")
+    return (), stated if candidate.steps else "it cannot be done, or not in that time"
 
 
 def with_way(candidate: Candidate, way: WayFigures) -> Candidate:

@@ -98,12 +98,8 @@ class Tried(NamedTuple):
     margin: Margin | None = None  # of a change that meets the goal; None where there is nothing to measure
 
 
-@dataclass(frozen=True, eq=False)
-class NoneMeets:
-    """That no change of a kind meets the goal."""
-
-    why: str
-    near: Sequence[Tried] = ()  # what was tried in vain, as far as that is to be compared
+Search = tuple[Sequence[Tried], str]
+"""The changes of a kind that meet the goal, and no words; or what was tried in vain, and why none meets it."""
 
 
 def is_fastest(found: CandidateResult) -> bool:

@@ -15,11 +15,11 @@ from sqrp_cli.camera.camera import Camera
 from sqrp_cli.cell.mounts import SAME, AimsEntry, LensEntry, Site
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.files.frames import WORLD
-from sqrp_cli.geometry import Array, Indices, Mask, box_corners, inverse, pose, read_only, transform
+from sqrp_cli.geometry import Array, Indices, Mask, box_corners, pose, read_only, transform
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.records import dataclass
-from sqrp_cli.search.aiming import looking_at, touched
+from sqrp_cli.search.aiming import looking_at, touching
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.study.ranking import compared_time
@@ -29,7 +29,6 @@ from sqrp_cli.task.task import Candidate
 
 EVERY = 3  # of the adaptive samples, which no target or link moves more than 1 cm between, every so many-th is judged
 MOST_WAYS = 6  # most ways of a candidate to choose from
-_PLACES_TOGETHER = 400_000  # places to compare with a solid at once, counted in every state, to bound the memory
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -175,17 +174,7 @@ def blocked(cell: Cell, states: SceneStates, sites: Sequence[Site]) -> Mask:
     order = sorted(range(len(sites)), key=lambda index: (sites[index].frame, sites[index].entry.body))
     for (frame, body), group in groupby(order, key=lambda index: (sites[index].frame, sites[index].entry.body)):
         rows = np.array(list(group))
-        places = np.stack([sites[row].position for row in rows])
-        X_FW = inverse(states.X_WF[frame])
-        for solid in cell.observer.solids:
-            X_FP = X_FW @ states.X_WF[solid.part.parent]
-            if frame != WORLD and float(np.ptp(X_FP, axis=0).max()) < 1e-9:
-                continue
-            step = max(1, _PLACES_TOGETHER // len(X_FP))
-            for start in range(0, len(rows), step):
-                here = np.flatnonzero(~found[rows[start : start + step]]) + start
-                if len(here):
-                    found[rows[here]] = touched(solid, X_FP, places[here], 0.5 * body)
+        found[rows] = touching(cell, states, frame, np.stack([sites[row].position for row in rows]), 0.5 * body)
     return found
 
 

@@ -221,9 +221,9 @@ def best_suggestion(found: Sequence[CheckedCandidate], suggester: Suggester) -> 
     if fastest:
         of_plan, numbered = Counter[object](), list[tuple[int, CheckedCandidate]]()
         for suggestion in suggestions:
-            plan = tuple(step.action for step in suggestion.plan or ())
-            numbered.append((of_plan[plan], suggestion))
-            of_plan[plan] += 1
+            actions = tuple(step.action for step in suggestion.plan or ())
+            numbered.append((of_plan[actions], suggestion))
+            of_plan[actions] += 1
         numbered.sort(key=lambda pair: pair[0])
         suggestions = [suggestion for _, suggestion in numbered[:MOST_WITH_FIGURES]]
     compared = list[tuple[CandidateResult, CheckedCandidate]]()

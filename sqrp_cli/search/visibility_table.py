@@ -38,7 +38,6 @@ from sqrp_cli.study.fault_sights import least_fault_delays
 from sqrp_cli.study.find import Plans, TimeLimit
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
-from sqrp_cli.study.stage import Samples
 from sqrp_cli.study.timeline import PlannedMotion
 from sqrp_cli.task.feasibility import impossible_start
 from sqrp_cli.task.task import Task
@@ -229,13 +228,10 @@ class VisibilityTable:
         changes = np.flatnonzero((covered[1:] != covered[:-1]) & (np.diff(timeline.samples.piece) == 0))
         lost = np.flatnonzero(timeline.observation.blind)
         rows = np.unique(np.concatenate([changes, changes + 1, lost[:: max(1, len(lost) // MOST_ADDED)]]))
-        known = set(zip(way.samples.piece.tolist(), way.samples.t.tolist(), strict=True))
-        pairs = zip(timeline.samples.piece[rows].tolist(), timeline.samples.t[rows].tolist(), strict=True)
-        new = [pair for pair in pairs if pair not in known]
-        if not new:
+        more = way.samples.with_new(timeline.samples.some(rows))
+        if len(more) == len(way.samples):
             return False
-        more = Samples(np.array([piece for piece, _ in new]), np.array([t for _, t in new]))
-        self.ways[number] = replace(way, samples=way.samples.joined(more)[0])
+        self.ways[number] = replace(way, samples=more)
         self.sees[number] = self._verdicts([self.ways[number]])[0]
         return True
 

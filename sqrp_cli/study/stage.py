@@ -52,6 +52,12 @@ class Samples:
         order = np.lexsort((t, piece))
         return Samples(piece[order], t[order]), order
 
+    def with_new(self, other: Samples) -> Samples:
+        """These samples and those others that are not among them, by piece and time."""
+        known = set(zip(self.piece.tolist(), self.t.tolist(), strict=True))
+        pairs = zip(other.piece.tolist(), other.t.tolist(), strict=True)
+        return self.joined(other.some(np.array([pair not in known for pair in pairs], dtype=bool)))[0]
+
 
 class Stage:
     """Robot, objects and their frames over a motion that begins with objects at known poses."""
