@@ -7,7 +7,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, nullcontext, suppress
-from dataclasses import asdict, field
+from dataclasses import field
 from functools import partial
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.interrupts import interrupts_later
 from sqrp_cli.platform.processes import Pool, died, forked
 from sqrp_cli.records import dataclass
-from sqrp_cli.score.kept import Outcome, Results, key_of
+from sqrp_cli.score.kept import Outcome, Results, key_of, plain_of
 from sqrp_cli.study.pipeline import RankJob
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
@@ -194,7 +194,6 @@ class Computer:
         return list(self.problems[key]) if key in self.problems else None
 
     def _key(self, request: ScoreRequest) -> str:
-        candidate, sampling = request.candidate, self.means.sampling
-        vias = {name: via.tolist() for name, via in candidate.vias.items()}
-        how = [type(sampling).__name__, asdict(sampling), self.means.seed, request.coverage]
-        return key_of(request.content, candidate.skill.name, list(candidate.parameters.items()), vias, *how)
+        way, means = request.candidate, self.means
+        about = (way.skill.name, way.parameters, way.vias, means.sampling, means.seed, request.coverage)
+        return key_of(request.content, plain_of(about))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -14,7 +14,7 @@ from sqrp_cli.geometry import Mask
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.interrupts import interrupts_later
 from sqrp_cli.score.compute import Job, Workers, packed
-from sqrp_cli.score.kept import Results, as_line, from_line, key_of
+from sqrp_cli.score.kept import Results, as_line, from_line, key_of, plain_of
 from sqrp_cli.search.sites import Installation, Verdicts, ViewBatch, judged_way, verdicts_of
 from sqrp_cli.study.analysis import planned_motion
 from sqrp_cli.study.stage import Samples
@@ -58,16 +58,9 @@ def kept_verdicts(
     """See `sites.Verdicts`: what a folder keeps, and what is computed for it. Raises InputError as `Results`."""
     missing: list[tuple[int, str]] = []
     for number, (way, installations) in enumerate(batches):
-        chosen, samples, places = way.planned.candidate, way.samples, []
-        for one in installations:
-            lens, own = one.lens, one.lens.image.intrinsics()
-            sensing = [value for entry in fields(lens) if isinstance(value := getattr(lens, entry.name), float)]
-            size, distortion = [own.width, own.height], [own.distortion_model, own.distortion.tolist()]
-            said = [one.lens_name, *size, own.matrix.tolist(), *distortion, sensing]
-            places.append([one.site.frame, one.X_FC.tolist(), said])
-        vias = {name: via.tolist() for name, via in chosen.vias.items()}
-        motion = [chosen.skill.name, dict(chosen.binding), dict(chosen.values), dict(chosen.branch), vias]
-        key = key_of("place", workspace.digest, seed, motion, samples.piece.tolist(), samples.t.tolist(), places)
+        cameras = [one.camera(one.lens_name) for one in installations]
+        seen_in = plain_of((way.planned.candidate, way.samples, cameras))
+        key = key_of("place", workspace.digest, seed, seen_in)
         try:
             yield number, _mask_in(results.get(key) or "", batches[number])
         except ValueError:  # nothing is kept, or its file is damaged

@@ -11,7 +11,7 @@ from functools import cache, partial
 from itertools import count, permutations, product
 from operator import attrgetter
 from time import monotonic
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from sqrp_cli.search.placing_result import (
     Compared,
     PlacedCandidate,
     PlaceDocument,
+    UnseenTarget,
     proof_in_words,
 )
 from sqrp_cli.search.sites import Installation, blocked, hidden_by, judged_way, touching_pairs, verdicts_of
@@ -63,6 +64,9 @@ class SolveResult:
     bound: float = 0.0  # no selection has a greater one
     proven: bool = False  # whether no other one is better, in every objective; or that there is none
     fewest: int = 0  # with a goal: no fewer cameras than this meet it
+    met: bool = True  # whether it meets the goal
+    unseen: tuple[UnseenTarget, ...] = ()  # if not: what no choice covers
+    reason: str = ""  # why no selection is possible
 
 
 class CameraPlacer:
@@ -89,14 +93,19 @@ class CameraPlacer:
 
     def place(self) -> PlaceDocument:
         """The best cameras for the tasks, with the fastest way of each candidate where no other can do better."""
-        table, requirements = self.table, self.question.requirements
+        table = self.table
         table.plan()
         if not table.ways:
             why = "no candidate can be done" + (" in that time" if table.too_slow else "")
-            nothing = SolveResult(problem=table.problem(0), requirements=requirements)
-            return self._document(nothing, table.cell_with(()), reason=why)
+            nothing = SolveResult(problem=table.problem(0), requirements=self.question.requirements, reason=why)
+            return self._document(nothing, table.cell_with(()))
         table.judge()
-        self._until, goal = monotonic() + self._seconds, requirements.goal
+        self._until = monotonic() + self._seconds
+        return self._solution(self._chosen())
+
+    def _chosen(self) -> SolveResult:
+        """The best selection; if it is certain that none meets the goal, what comes nearest to it."""
+        table, requirements, goal = self.table, self.question.requirements, self.question.requirements.goal
         if goal is not None and goal.delay is not None and any(way.planned.faults for way in table.ways):
             lenses = [*self.question.mounts.lenses.values(), *(table.options[option].lens for option in table.kept)]
             if goal.delay < min((lens.response for lens in lenses), default=0.0) - 1e-9:
@@ -115,26 +124,25 @@ class CameraPlacer:
             if found.proven and requirements.most is not None:
                 enough = self._search(replace(requirements, most=None))
                 if enough.selection is not None:
-                    return self._solution(enough, met=False)
+                    return replace(enough, met=False)
             return self._nearest_to_goal(proven=found.proven)
         return self._unless_blind(found)
 
-    def _nearest_to_goal(self, *, proven: bool = True) -> PlaceDocument:
+    def _nearest_to_goal(self, *, proven: bool = True) -> SolveResult:
         """What comes nearest to a goal that no choice meets. proven: whether it is certain that none does."""
-        found = self._search(replace(self.question.requirements, goal=None))
+        found = self._unless_blind(self._search(replace(self.question.requirements, goal=None)))
         unseen = self.table.unseen(self.question.requirements.failure_tolerance, self.table.problem(0).shut)
-        return self._unless_blind(found, met=False, proven=proven, unseen=tuple(unseen))
+        return replace(found, met=False, proven=proven and found.proven, unseen=tuple(unseen))
 
-    def _unless_blind(self, found: SolveResult, **about: Any) -> PlaceDocument:  # noqa: ANN401 - see `_solution`
+    def _unless_blind(self, found: SolveResult) -> SolveResult:
         """The choice with the best mean, where no choice lifts the least quality above 0; none if that is 0, too."""
         if found.selection is None or found.value > 0.0 or self._stopped:
-            return self._solution(found, **about)
+            return found
         if found.requirements.objective == "least":
             mean = self._search(replace(found.requirements, goal=None, objective="mean"))
             if mean.value > 0.0:
-                mean = replace(mean, requirements=found.requirements, value=0.0, bound=found.bound)
-                return self._solution(mean, **about)
-        return self._solution(replace(found, selection=None), blind=True, **about)
+                return replace(mean, requirements=found.requirements, value=0.0, bound=found.bound)
+        return replace(found, selection=None, reason=obstacle(found.problem, found.requirements, blind=True))
 
     def _search(
         self,
@@ -167,7 +175,8 @@ class CameraPlacer:
                 if selection is None:
                     if best is not None:
                         return replace(best, problem=problem, bound=max(bound, best.value), proven=False)
-                    return result(bound=bound, proven=program.proven)
+                    why = obstacle(problem, requirements, blind=False) if program.proven else ""
+                    return result(bound=bound, proven=program.proven, reason=why)
                 if program.complete and not (further or first_only):  # the other objectives take no time then
                     continue
                 learned, confirmed = table.add_hiding(selection), False
@@ -216,11 +225,8 @@ class CameraPlacer:
             self._stopped = True
             return otherwise
 
-    def _solution(self, result: SolveResult, *, blind: bool = False, **decided: Any) -> PlaceDocument:  # noqa: ANN401
-        """The chosen cameras with all that is said of them.
-
-        blind: whether none would see anything that counts. decided: what was decided before, see `_document`.
-        """
+    def _solution(self, result: SolveResult) -> PlaceDocument:
+        """The chosen cameras with all that is said of them."""
         table, problem, selection = self.table, result.problem, result.selection
         requirements, stay = self.question.requirements, [table.camera_at(option) for option in table.kept]
         if selection is None:
@@ -231,8 +237,7 @@ class CameraPlacer:
             for way, one in zip((table.ways[number] for number in firsts), analysed, strict=True):
                 about = {"task": way.task, "candidate": way.candidate.name, "found": one.result}
                 blank.append(from_fields(PlacedCandidate, about["found"], **about, ranked=None))
-            why = obstacle(problem, requirements, blind=blind) if result.proven or blind else ""
-            return self._document(result, cell, reason=why, candidates=blank, **decided)
+            return self._document(result, cell, candidates=blank)
         cameras = self._cameras(result, selection)
         everyone, spare = [*(placed.camera for placed in cameras), *stay], requirements.failure_tolerance
         watched = table.watched(everyone, selection.ways) if spare else result.watched
@@ -243,34 +248,31 @@ class CameraPlacer:
             )
         cell = table.cell_with([*stay, *(placed.camera for placed in cameras)])
         candidates = self._placed_candidates(cell, problem, selection, analyses)
-        fewer = len(selection.options) - 1
-        if fewer >= max(1, requirements.at_least(len(table.kept))):
-            one_less = replace(result.requirements, goal=None, most=fewer)
+        most, fewer, without_spare = len(selection.options) - 1, None, None
+        if most >= max(1, requirements.at_least(len(table.kept))):
+            one_less = replace(result.requirements, goal=None, most=most)
             less = self._unless_stopped(lambda: self._search(one_less, aside=True, first_only=True), None)
             if less is not None and not self._stopped:
-                bound = max(less.value, less.bound)
-                decided["fewer"] = Alternative(cameras=fewer, objective=less.value, bound=bound)
+                fewer = Alternative(cameras=most, objective=less.value, bound=max(less.value, less.bound))
         if spare:
             none_fails = replace(requirements, failure_tolerance=0)
             cheaper = self._unless_stopped(lambda: self._search(none_fails, aside=True), None)
             if cheaper is not None and cheaper.selection is not None:
                 options = cheaper.selection.options
                 price = float(cheaper.problem.price[list(options)].sum())
-                decided["without_spare"] = Alternative(cameras=len(options), price=price, objective=cheaper.value)
-        return self._document(result, cell, cameras=cameras, candidates=candidates, **decided)
+                without_spare = Alternative(cameras=len(options), price=price, objective=cheaper.value)
+        return self._document(result, cell, cameras, candidates, fewer, without_spare)
 
     def _document(
         self,
         result: SolveResult,
         cell: Cell,
-        *,
-        met: bool = True,
-        proven: bool = True,
         cameras: Sequence[CameraPlaced] = (),
         candidates: Sequence[PlacedCandidate] = (),
-        **fields: Any,  # noqa: ANN401 - of the fields of a document
+        fewer: Alternative | None = None,
+        without_spare: Alternative | None = None,
     ) -> PlaceDocument:
-        """What is found, in the cell with its cameras. met, proven: whether all that was decided before is so."""
+        """What is found, in the cell with its cameras."""
         question, table, requirements = self.question, self.table, self.question.requirements
         problem, count = result.problem, len(question.mounts.sites)
         seen, shut = np.zeros(count), np.zeros(count, dtype=bool)
@@ -309,13 +311,16 @@ class CameraPlacer:
             cell=cell,
             seen=seen,
             shut=shut,
-            met=met and result.selection is not None and not table.too_slow,
-            proven=proven and result.proven,
+            met=result.met and result.selection is not None and not table.too_slow,
+            unseen=result.unseen,
+            proven=result.proven,
             objective=result.value,
             bound=result.bound,
             gap=gap if gap > ROUNDED else 0.0,
             fewest=result.fewest if table.ways and result.requirements.goal is not None else None,
-            **fields,
+            fewer=fewer,
+            without_spare=without_spare,
+            reason=result.reason,
         )
         return replace(document, proof=proof_in_words(document))
 
