@@ -87,24 +87,20 @@ def blind_cameras(workspace: Workspace) -> Iterator[Problem]:
     shown = shown_objects(workspace)
     points = points_of(shown)
     parts = [
-        (item.name, part.shape, item.X_WO @ part.X_PG)
+        (item.name, part.shape, inverse(item.X_WO @ part.X_PG))
         for item in objects
         for part in item.parts
         if item.X_WO is not None and not isinstance(part.shape, Mesh)
     ]
-    X_GW = inverse(np.array([X_WG for _, _, X_WG in parts]).reshape(-1, 4, 4))
-    reach = np.array([np.linalg.norm(half_extents(shape, np.eye(3))) for _, shape, _ in parts])
     for camera in workspace.cameras.values():
         if camera.frame != WORLD or not objects:
             continue
-        place, eyes = workspace.places.get(f"cameras.{camera.name}"), transform(X_GW, camera.X_FC[None, :3, 3])[:, 0]
-        near = np.flatnonzero(np.linalg.norm(eyes, axis=1) <= reach).tolist()
-        holding = (name for name, shape, eye in ((*parts[k][:2], eyes[k]) for k in near) if contains(shape, eye))
-        around = next(holding, None)
+        place, eye = f"cameras.{camera.name}", camera.X_FC[None, :3, 3]
+        around = next((name for name, shape, X_GW in parts if contains(shape, transform(X_GW, eye)[0])), None)
         if around is not None:
             message = f"camera `{camera.name}` is inside `{around}`, which hides everything from it"
             mend = f"move one of them; if `{around}` is the camera's own housing, leave it out of the workspace"
-            yield Problem("camera-inside-object", message, place, severity="warning", mend=mend)
+            yield warning("camera-inside-object", message, workspace, place, mend)
             continue
         depths = _depths_in_image(camera, camera.X_FC, points)
         seen = points[(depths >= camera.near) & (depths <= camera.far)]
@@ -116,7 +112,7 @@ def blind_cameras(workspace: Workspace) -> Iterator[Problem]:
         else:
             continue
         message = f"camera `{camera.name}` sees none of the objects: {why}"
-        yield Problem("camera-sees-nothing", message, place, severity="warning", mend=mend)
+        yield warning("camera-sees-nothing", message, workspace, place, mend)
 
 
 def _above(workspace: Workspace, eye: Array, points: Array) -> Iterator[tuple[str, float]]:

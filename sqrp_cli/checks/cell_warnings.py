@@ -31,12 +31,13 @@ from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import OBJECT_FACTOR, Solid, distance, load_solid, scale_doubt
-from sqrp_cli.sight.targets import SoughtBox, Target
+from sqrp_cli.sight.targets import SoughtBox
 from sqrp_cli.skill.settings import Reference
 from sqrp_cli.skill.skill import ToolMove
 from sqrp_cli.study.analysis import planned_motion
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.sampling import Adaptive, first_samples
+from sqrp_cli.study.timeline import SampledMotion
 from sqrp_cli.task.candidate import Candidate
 from sqrp_cli.task.feasibility import feasible_motion
 
@@ -169,13 +170,13 @@ def blind_cameras_on_links(cell: Cell) -> Iterator[Problem]:
     workspace, model, shown = cell.workspace, cell.model, shown_objects(cell.workspace)
     home, points = {WORLD: np.eye(4), **model.home_links}, points_of(shown)
     for camera in workspace.cameras.values():
-        place = workspace.places.get(f"cameras.{camera.name}")
+        place = f"cameras.{camera.name}"
         away, moves = float(np.linalg.norm(camera.X_FC[:3, 3])), camera.frame not in (WORLD, *model.still_links)
         whose = f"camera `{camera.name}`"
         if moves and away > LONGEST_BRACKET:
             message = f"{whose} is {away:.2f} m away from `{camera.frame}`, which carries it and moves"
             mend = "name in `frame` what its pose was measured from, such as `world` or the robot's base"
-            yield Problem("doubtful-parent", message, place, severity="warning", mend=mend)
+            yield warning("doubtful-parent", message, workspace, place, mend)
             continue
         if camera.frame == WORLD or not shown or sees_any(camera, home[camera.frame] @ camera.X_FC, points):
             continue
@@ -197,33 +198,29 @@ def blind_cameras_on_links(cell: Cell) -> Iterator[Problem]:
             mend = "add `convention: body` to the camera: with x forward, y left, z up it sees them"
         elif others and not moves:
             mend = f"say `frame: {others[0]}` if its pose was measured from there: then it sees them"
-        yield Problem("camera-sees-nothing", message, place, severity="warning", mend=mend)
+        yield warning("camera-sees-nothing", message, workspace, place, mend)
 
 
-_Scene: TypeAlias = tuple[Candidate, Sequence[Target], SceneStates]
-"""A step of a candidate with its targets, and where all frames are in samples of its motion."""
-
-
-def scenes_of(cell: Cell, world: World, candidates: Iterable[Sequence[Candidate]]) -> list[_Scene]:
-    """The scenes of candidates, the steps of each one after the other from `world`, until one is infeasible.
+def scenes_of(cell: Cell, world: World, candidates: Iterable[Sequence[Candidate]]) -> list[SampledMotion]:
+    """The motions of candidates, the steps of each one after the other from `world`, until one is infeasible.
 
     They end with the candidate after which there are `MOST_LOOKED_AT`.
     """
-    scenes = list[_Scene]()
+    scenes = list[SampledMotion]()
     for steps in candidates:
         before = world
         for step in steps if len(scenes) < MOST_LOOKED_AT else ():
             motion = feasible_motion(cell, step, before)
             if isinstance(motion, Infeasible):
                 break
-            scene = planned_motion(cell, step, before, motion)
-            sampled = first_samples(Adaptive(), scene.stage, Observer((), cell.observer.solids), scene.targets)
-            scenes.append((step, scene.targets, scene.stage.states(sampled)))
+            planned = planned_motion(cell, step, before, motion)
+            samples = first_samples(Adaptive(), planned.stage, Observer((), cell.observer.solids), planned.targets)
+            scenes.append(SampledMotion(planned, samples))
             before = world_after(step, motion, before)
     return scenes
 
 
-def swept_cameras(cell: Cell, scenes: Sequence[_Scene]) -> Iterator[Problem]:
+def swept_cameras(cell: Cell, scenes: Sequence[SampledMotion]) -> Iterator[Problem]:
     """Cameras that robot, tool or part would run into, and in which steps.
 
     A camera counts as a ball of 6 cm around its lens. What never moves against the camera is left out, such as a
@@ -231,13 +228,13 @@ def swept_cameras(cell: Cell, scenes: Sequence[_Scene]) -> Iterator[Problem]:
     """
     hits: dict[str, dict[str, str]] = {}  # by camera, the part that meets it in each task
     frames = dict.fromkeys(camera.frame for camera in cell.observer.cameras)
-    for (step, _, states), frame, solid in product(scenes, frames, cell.observer.solids):
-        X_FP = inverse(states.X_WF[frame]) @ states.X_WF[solid.part.parent]
+    for scene, frame, solid in product(scenes, frames, cell.observer.solids):
+        X_FP = inverse(scene.states.X_WF[frame]) @ scene.states.X_WF[solid.part.parent]
         if float(np.ptp(X_FP, axis=0).max()) > 1e-9:
             there = [camera for camera in cell.observer.cameras if camera.frame == frame]
             eyes = np.array([camera.X_FC[:3, 3] for camera in there])
             for camera in compress(there, touched(solid, X_FP, eyes, CAMERA_RADIUS).tolist()):
-                hits.setdefault(camera.name, {}).setdefault(step.task, solid.name)
+                hits.setdefault(camera.name, {}).setdefault(scene.planned.candidate.task, solid.name)
     for name, parts in hits.items():
         first, *others = parts
         message = f"camera `{name}` stands where `{parts[first]}` passes in `{first}`"
@@ -246,7 +243,7 @@ def swept_cameras(cell: Cell, scenes: Sequence[_Scene]) -> Iterator[Problem]:
         yield warning("camera-in-the-way", message, cell.workspace, f"cameras.{name}", mend)
 
 
-def idle_cameras(cell: Cell, task: str, scenes: Sequence[_Scene], told: Iterable[Problem]) -> Iterator[Problem]:
+def idle_cameras(cell: Cell, task: str, scenes: Sequence[SampledMotion], told: Iterable[Problem]) -> Iterator[Problem]:
     """Cameras that have no target of a task in their image, in any of the scenes.
 
     Where there may be more scenes, nothing is said. told: other findings; one of a camera that sees nothing is enough.
@@ -254,7 +251,7 @@ def idle_cameras(cell: Cell, task: str, scenes: Sequence[_Scene], told: Iterable
     blind = {one.place for one in told if one.code.startswith("camera-")}
     places = {one.name: cell.workspace.places.get(f"cameras.{one.name}") for one in cell.observer.cameras}
     left = [camera for camera in cell.observer.cameras if places[camera.name] not in blind]
-    boxes = [(box, states) for _, targets, states in scenes for target in targets for box in target.boxes]
+    boxes = [(box, one.states) for one in scenes for target in one.planned.targets for box in target.boxes]
     for box, states in boxes:
         points = transform(states.box_poses(box), box_corners(box.size))
         views = [(one, transform(inverse(states.camera_poses(one)), points)) for one in left]
@@ -267,17 +264,17 @@ def idle_cameras(cell: Cell, task: str, scenes: Sequence[_Scene], told: Iterable
         yield Problem("idle-camera", message, places[left[0].name], severity="warning", mend=mend)
 
 
-def outside_detectors(cell: Cell, scenes: Sequence[_Scene]) -> Iterator[Problem]:
+def outside_detectors(cell: Cell, scenes: Sequence[SampledMotion]) -> Iterator[Problem]:
     """What cameras have in their images, but always too small, too near or too far for its detector.
 
     Of each object the box that is farthest from what its detector needs, by its best view.
     """
     best: dict[str, tuple[float, Problem, tuple[str, ...]]] = {}  # of each box of a target
-    for _, targets, states in scenes if cell.observer.cameras else ():
-        verdicts = cell.observer.verdicts(targets, states, shares=False, culprits=False)
-        for target, of_boxes in zip(targets, verdicts, strict=True):
+    for scene in scenes if cell.observer.cameras else ():
+        verdicts = cell.observer.verdicts(scene.planned.targets, scene.states, shares=False, culprits=False)
+        for target, of_boxes in zip(scene.planned.targets, verdicts, strict=True):
             for box, found in zip(target.boxes, of_boxes, strict=True):
-                view = (*_best_view(cell, box, found, states), box.encloses or (box.frame,))
+                view = (*_best_view(cell, box, found, scene.states), box.encloses or (box.frame,))
                 key = f"{target.atom} {box.name}"
                 best[key] = max(best.get(key, view), view, key=itemgetter(0))
     found_of = dict[tuple[str, ...], Problem]()

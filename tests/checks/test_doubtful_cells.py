@@ -178,11 +178,12 @@ def test_a_part_too_small_from_where_it_is_looked_at_is_told_with_the_distance_t
     edit(folder, "min_pixels: 12", f"min_pixels: {least}")
     cell = open_cell(folder)
     best = cell.rank("pickup g2 approach_yaw=0deg", ways="fastest").best
-    ((_, targets, states),) = scenes = scenes_of(cell.cell, cell.cell.initial_world, [[best.way]])
+    (scene,) = scenes = scenes_of(cell.cell, cell.cell.initial_world, [[best.way]])
     problems = [*outside_detectors(cell.cell, scenes)]
     assert len(problems) == told
     views = []  # of each box, the best
-    for box in (box for target in targets for box in target.boxes):
+    states = scene.states
+    for box in (box for target in scene.planned.targets for box in target.boxes):
         posed = [(eye, inverse(states.camera_poses(eye)) @ states.box_poses(box)) for eye in cell.cell.observer.cameras]
         seen = [(size_in_image(eye, one, box.size), eye, one, box.size) for eye, X_CB in posed for one in X_CB]
         views.append(max(seen, key=lambda one: one[0]))
