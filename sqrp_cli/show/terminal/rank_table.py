@@ -26,7 +26,7 @@ from sqrp_cli.study.ranking import compared_quality
 from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult, Ranking
 
 if TYPE_CHECKING:
-    from sqrp_cli.show.documents.checks import CheckedCandidate
+    from sqrp_cli.search.planned_step import CheckedCandidate
 
 MOST_NAMED = 3  # most candidates, or choices of objects, that a line names
 SHORTEST_BLIND = 0.05  # blind ends of moves that cost less are not named [s]
