@@ -28,29 +28,33 @@ FaultKind = Literal[
 ]  # fmt: skip
 
 
-SAME_TIME = 1e-6  # tolerance of times [s]
-Form: TypeAlias = tuple[str, re.Pattern[str], str]
-"""How a kind of fault is written: examples, for messages; what follows the name of the kind; and that in words."""
-_AT, _BY = re.compile(r":(?P<camera>[^@=]+)@(?P<time>.+)"), re.compile(r":(?P<camera>[^@=]+)=(?P<delay>.+)")
+SAME_TIME = 1e-6
+"""Tolerance of times [s]."""
+Form: TypeAlias = tuple[str, str, str]
+"""How a kind of fault is written: examples, for messages; a pattern of what follows the name; and that in words."""
 _SLIP = r"@(?:(?P<primitive>[A-Za-z_][\w -]*)(?:\+(?P<offset>.+)|(?P<random>:random))?|(?P<time>[.\d].*))"
-_JOINTS_AT, _JOINTS_BY = re.compile(r"@(?P<time>.*)", re.DOTALL), re.compile(r"=(?P<delay>.*)", re.DOTALL)
-_KINDS: tuple[tuple[FaultKind, str, re.Pattern[str], str], ...] = (
-    ("slip", "slip@lift+0.4, slip@lift:random or slip@7.2", re.compile(_SLIP), "when it slips"),
-    ("miss-pick", "miss-pick", re.compile(""), "just `miss-pick`"),
-    ("camera-loss", "camera-loss:cam2@5.0", _AT, "the camera and when it happens"),
-    ("frozen", "frozen:cam1@3", _AT, "the camera and when it happens"),
-    ("latency", "latency:cam3=0.5", _BY, "the camera and by how much it is late"),
-    ("perception-crash", "perception-crash:cam1@4", _AT, "the camera and when it happens"),
-    ("joints-loss", "joints-loss@5", _JOINTS_AT, "when it happens"),
-    ("joints-frozen", "joints-frozen@5", _JOINTS_AT, "when it happens"),
-    ("joints-latency", "joints-latency=0.5", _JOINTS_BY, "by how much joint states are late"),
-)
-_FORMS: Mapping[FaultKind, Form] = {one[0]: one[1:] for one in _KINDS if not one[0].startswith("joints")}
-_SERVED_FORMS: Mapping[FaultKind, Form] = {one[0]: one[1:] for one in _KINDS if one[0] != "perception-crash"}
+_CAMERA, _AT, _BY = r":(?P<camera>[^@=]+)", r"(?s:@(?P<time>.+))", r"(?s:=(?P<delay>.+))"
+_WHEN = "the camera and when it happens"
+_FORMS: Mapping[FaultKind, Form] = {
+    "slip": ("slip@lift+0.4, slip@lift:random or slip@7.2", _SLIP, "when it slips"),
+    "miss-pick": ("miss-pick", "", "just `miss-pick`"),
+    "camera-loss": ("camera-loss:cam2@5.0", _CAMERA + _AT, _WHEN),
+    "frozen": ("frozen:cam1@3", _CAMERA + _AT, _WHEN),
+    "latency": ("latency:cam3=0.5", _CAMERA + _BY, "the camera and by how much it is late"),
+    "perception-crash": ("perception-crash:cam1@4", _CAMERA + _AT, _WHEN),
+}
+_SERVED_FORMS: Mapping[FaultKind, Form] = {
+    **{kind: form for kind, form in _FORMS.items() if kind != "perception-crash"},
+    "joints-loss": ("joints-loss@5", _AT, "when it happens"),
+    "joints-frozen": ("joints-frozen@5", _AT, "when it happens"),
+    "joints-latency": ("joints-latency=0.5", _BY, "by how much joint states are late"),
+}
 """Of a cell that is served: its joint states can fail, but the processes that look at its images are not its own."""
 PHYSICAL = ("slip", "miss-pick")
 """Faults of the step; the others are faults of cameras."""
 _STEP = re.compile(r"(?P<number>[0-9]{1,9}):(?P<bare>.*)", re.DOTALL)
+Piece: TypeAlias = tuple[int, ProgramPrimitive]
+"""A piece of motion of a program: the number of its step, from 1, and the primitive."""
 
 
 @dataclass(frozen=True)
@@ -74,23 +78,14 @@ class _FaultText:
 
     def __init__(self, option: str, text: str, steps: Sequence[Step], forms: Mapping[FaultKind, Form]) -> None:
         """option: such as `--fault`. forms: how faults that can happen are written. Raises InputError for no step."""
-        self.option, self.text, self.forms, self.steps = option, text, forms, steps
-        self.numbers = range(1, len(steps) + 1)
-        """Of the steps, from 1."""
-        several, named = len(steps) > 1, [f"step {n} (`{step.short_task}`)" for n, step in enumerate(steps, 1)]
-        self.labels = named if several else ["the step"]
+        self.option, self.text, self.forms, self.several = option, text, forms, len(steps) > 1
+        self.numbers = self.all_numbers = range(1, len(steps) + 1)
+        """Of the steps in which it may happen, from 1."""
+        named = [f"step {n} (`{step.short_task}`)" for n, step in enumerate(steps, 1)]
+        self.labels = named if self.several else ["the step"]
         """What messages call each step: by its number only where there are others."""
-        self.prefixes = [f"{number}:" if several else "" for number in self.numbers]
-        """Of a fault of one step only, for each."""
-        self.holding = [[one.name for one in step.primitives if one.held or one.action == "Grasp"] for step in steps]
-        """Names of the primitives of each step in which the tool grasps or holds something."""
-        self.called = [
-            {one.name: (one.does or one.name).replace(" ", "-") for one in step.primitives} for step in steps
-        ]
-        """What each primitive does as a fault says it, by its name; the name where another does the same."""
-        for called in self.called:
-            often = Counter(called.values())
-            called.update({name: name for name, words in called.items() if often[words] > 1})
+        self.pieces: list[Piece] = [(n, one) for n, step in enumerate(steps, 1) for one in step.primitives]
+        self.often = Counter((n, one.does) for n, one in self.pieces)
         found = _STEP.fullmatch(text)
         self.bare = text if found is None else found["bare"]
         """The text without the number of a step."""
@@ -99,11 +94,11 @@ class _FaultText:
             return
         if (number := int(found["number"])) not in self.numbers:
             more = f" and {len(steps) - MOST_NAMES} more" if len(steps) > MOST_NAMES else ""
-            names = f"{'one of ' if several else ''}{', '.join(named[:MOST_NAMES])}{more}"
+            names = f"{'one of ' if self.several else ''}{', '.join(named[:MOST_NAMES])}{more}"
             message = f"there is no step {number}; expected {names}"
             raise self.refused(message, f"write {len(steps) if number else 1}:{self.bare}")
         self.numbers = range(number, number + 1)
-        self.owner = self.labels[number - 1] if several else self.owner  # what messages call them
+        self.owner = self.labels[number - 1] if self.several else self.owner  # what messages call them
 
     def refused(self, message: str, mend: str | None = None) -> InputError:
         """The error that says so. mend: by default, the forms of a fault of this kind."""
@@ -114,67 +109,65 @@ class _FaultText:
         mend = mend or (f"write {form}" if form else f"give one of: {every}")
         return bad_input("bad-fault", f"{self.option} {self.text}: {message}", mend=mend)
 
-    def meant(
-        self, name: str, message: str, mend: str | None = None, offset: float = 0.0
-    ) -> tuple[int, ProgramPrimitive]:
+    def called(self, piece: Piece) -> str:
+        """What a piece does as a fault says it, such as `go-home`; its name where another of its step does the same."""
+        number, one = piece
+        return one.name if one.does is None or self.often[number, one.does] > 1 else one.does.replace(" ", "-")
+
+    def write(self, number: int, bare: str) -> str:
+        """What to write for a fault of a step."""
+        return f"write {f'{number}:' if self.several else ''}{bare}"
+
+    def able(self, numbers: Iterable[int]) -> list[Piece]:
+        """The pieces of some steps in which the tool grasps or holds something, so that it can slip."""
+        return [(n, one) for n, one in self.pieces if n in numbers and (one.held or one.action == "Grasp")]
+
+    def meant(self, name: str, message: str, mend: str | None = None, offset: float = 0.0) -> Piece:
         """The first primitive of a name in which something can slip at an offset [s], else the nearest to that.
 
-        name: also what it does, such as `go-home`. With the number of its step. Raises InputError where the tool holds
-        nothing in it, where none has the name, and where several of a step do that: with the message, and with another
-        step to write if one has such a primitive, else with `mend`.
+        name: also what it does, such as `go-home`. Raises InputError where the tool holds nothing in it, where none has
+        the name, and where several of a step do that: with the message, and with another step to write if one has such
+        a primitive, else with `mend`.
         """
-        words, every = (
-            name.replace("-", " "),
-            [(n, one) for n, step in enumerate(self.steps, 1) for one in step.primitives],
-        )
-        found = [(n, one) for n, one in every if name == one.name] or [
-            (n, one) for n, one in every if words == one.does
-        ]
-        here = [(number, one) for number, one in found if number in self.numbers]
+        words, able = name.replace("-", " "), self.able(self.numbers)
+        found = [piece for piece in self.pieces if name == piece[1].name]
+        found = found or [piece for piece in self.pieces if words == piece[1].does]
+        here = [piece for piece in found if piece[0] in self.numbers]
         if not here:
-            another = f"write {self.prefixes[found[0][0] - 1]}{self.bare}" if found else mend
-            known = dict.fromkeys(word for number in self.numbers for word in self.called[number - 1].values())
+            another = self.write(found[0][0], self.bare) if found else mend
+            known = dict.fromkeys(self.called(piece) for piece in self.pieces if piece[0] in self.numbers)
             raise self.refused(f"{message}; {expected_names(name, known)}", another)
         alike = [one.name for number, one in here if number == here[0][0]]
         if len(alike) > 1:
             several = f"`{name}` may mean {' or '.join(f'`{one}`' for one in alike)}, which both do that"
             raise self.refused(several, f"write {self.bare.replace(name, alike[-1])}")
-        able = [(number, one) for number, one in here if one.name in self.holding[number - 1]]
-        long = [(number, one) for number, one in able if one.start + offset <= one.end]
-        chosen = (long or able or here)[0]
-        self.check_can_slip(chosen[0], [chosen[1].name])
+        slips = [piece for piece in here if piece in able]
+        long = [piece for piece in slips if piece[1].start + offset <= piece[1].end]
+        chosen = (long or slips or here)[0]
+        self.check_can_slip([chosen])
         return chosen
 
-    def slip_instead(self, numbers: Iterable[int] | None = None) -> str:
-        """What to write where a fault of the tool cannot happen: the first slip that can, in some steps or in any.
+    def slip_instead(self, numbers: Iterable[int]) -> str:
+        """What to write where a fault of the tool cannot happen: the first slip that can, in some steps; grasps last.
 
         A sweep takes slips alone, so where none can happen another option makes a camera fail.
         """
-        numbers = range(1, len(self.steps) + 1) if numbers is None else numbers
-        able = [
-            f"write {self.prefixes[n - 1]}slip@{self.called[n - 1][one.name]}"
-            for n in numbers
-            for one in sorted(self.steps[n - 1].primitives, key=lambda one: not one.held)  # grasps last
-            if one.name in self.holding[n - 1]
-        ]
-        return able[0] if able else "let a camera fail instead: --fault camera-loss:CAMERA@1.0"
+        able = min(self.able(numbers), key=lambda piece: (piece[0], not piece[1].held), default=None)
+        if able is None:
+            return "let a camera fail instead: --fault camera-loss:CAMERA@1.0"
+        return self.write(able[0], f"slip@{self.called(able)}")
 
-    def check_can_slip(self, number: int, during: Sequence[str]) -> None:
-        """Raises InputError where the tool holds nothing in any of some primitives of a step, so that nothing can slip.
-
-        during: names of primitives, at least one.
-        """
-        called, holding = self.called[number - 1], self.holding[number - 1]
-        names = list(called)
-        if set(during) & set(holding):
+    def check_can_slip(self, during: Sequence[Piece]) -> None:
+        """Raises InputError where the tool holds nothing in any of some pieces of a step, at least one."""
+        first, number = self.pieces.index(during[0]), during[0][0]
+        able = self.able([number])
+        if any(piece in able for piece in during):
             return
-        meant = names.index(during[0])
-        closest = min(holding, key=lambda name: abs(names.index(name) - meant), default=None)
-        expected = (
-            f"expected one of {', '.join(f'`{called[one]}`' for one in holding)}" if holding else "nor in any other"
-        )
-        where = f"`{called[during[0]]}`" + (f" of {self.labels[number - 1]}" if len(self.steps) > 1 else "")
-        mend = self.slip_instead() if closest is None else f"write {self.prefixes[number - 1]}slip@{called[closest]}"
+        closest = min(able, key=lambda piece: abs(self.pieces.index(piece) - first), default=None)
+        names = ", ".join(f"`{self.called(piece)}`" for piece in able)
+        where = f"`{self.called(during[0])}`" + (f" of {self.labels[number - 1]}" if self.several else "")
+        expected = f"expected one of {names}" if able else "nor in any other"
+        mend = self.write(number, f"slip@{self.called(closest)}") if closest else self.slip_instead(self.all_numbers)
         raise self.refused(f"the tool grasps or holds nothing in {where}, {expected}", mend)
 
     def time(self, words: str) -> float:
@@ -201,53 +194,53 @@ def parse_fault(
     instants. option: that gives it, for messages. served: whether it happens to a cell that is served to others.
     """
     written = _FaultText(option, text, steps, _SERVED_FORMS if served else _FORMS)
-    refused, several, number = written.refused, len(steps) > 1, written.numbers[0]
+    refused, number = written.refused, written.numbers[0]
     kind = next((one for one in written.forms if one == written.kind), None)
     if kind is None:
         if any(written.kind == entry.fault for step in steps for entry in step.formulas):
             raise refused(f"`{written.kind}` is what monitors look for, and cannot be made to happen as such")
         raise refused(f"there is no fault `{written.kind}`; {expected_names(written.kind, written.forms)}")
     _, pattern, expected = written.forms[kind]
-    found = pattern.fullmatch(written.bare[len(kind) :])
+    found = re.fullmatch(pattern, written.bare[len(kind) :])
     if found is None:
         raise refused(f"expected {expected}")
-    if kind == "slip" and found["time"]:
-        primitives, label, t = steps[number - 1].primitives, written.labels[number - 1], written.time(found["time"])
-        if t > (last := primitives[-1].end):
-            mend = "write N:slip@T for T seconds from the start of step N" if several else written.slip_instead()
-            raise refused(f"{label} lasts only {last:.2f} s", mend)
-        during = [one.name for one in primitives if one.start - SAME_TIME <= t <= one.end + SAME_TIME]
-        written.check_can_slip(number, during)
-        return InjectedFault("slip", text, t, step=number)
-    if kind == "slip":
-        name, offset = found["primitive"], written.time(found["offset"] or "0")
-        number, primitive = written.meant(name, f"{written.owner} has no piece of motion `{name}`", offset=offset)
-        t = primitive.start + offset
-        if found["random"]:
-            t = float(rng.uniform(primitive.start, primitive.end))
-        elif t > primitive.end:
-            owner = f"`{name}` of {written.labels[number - 1]}" if several else f"`{name}`"
-            raise refused(f"{owner} lasts only {primitive.end - primitive.start:.2f} s")
-        return InjectedFault("slip", text, t, step=number)
-    if kind == "miss-pick":
-        grasping = [n for n, step in enumerate(steps, 1) if any(one.action == "Grasp" for one in step.primitives)]
-        able = [n for n in grasping if n in written.numbers]
-        if not able:
-            owner = "this program" if len(written.numbers) == len(steps) else written.labels[number - 1]
-            first = f"write {written.prefixes[grasping[0] - 1]}miss-pick" if grasping else written.slip_instead()
-            raise refused(f"no piece of motion of {owner} grasps", first)
-        return InjectedFault("miss-pick", text, step=able[0])
     figures = found.groupdict()
+    t, delay = (written.time(figures.get(name) or "0") for name in ("time", "delay"))
     camera: str | None = figures.get("camera")
     if camera is not None and camera not in cameras:
         instead = text.replace(camera, nearest(camera, cameras) or min(cameras, default="CAMERA"))
         raise refused(f"there is no camera `{camera}`; {expected_names(camera, cameras)}", f"write {instead}")
-    t, delay = (written.time(figures[name]) if name in figures else 0.0 for name in ("time", "delay"))
+    if kind == "slip" and figures["time"]:
+        label, last = written.labels[number - 1], steps[number - 1].primitives[-1].end
+        if t > last:
+            mend = "write N:slip@T for T seconds from the start of step N"
+            mend = mend if written.several else written.slip_instead(written.all_numbers)
+            raise refused(f"{label} lasts only {last:.2f} s", mend)
+        here = [piece for piece in written.pieces if piece[0] == number]
+        written.check_can_slip([one for one in here if one[1].start - SAME_TIME <= t <= one[1].end + SAME_TIME])
+    elif kind == "slip":
+        name, offset = figures["primitive"], written.time(figures["offset"] or "0")
+        number, primitive = written.meant(name, f"{written.owner} has no piece of motion `{name}`", offset=offset)
+        t = primitive.start + offset
+        if figures["random"]:
+            t = float(rng.uniform(primitive.start, primitive.end))
+        elif t > primitive.end:
+            owner = f"`{name}` of {written.labels[number - 1]}" if written.several else f"`{name}`"
+            raise refused(f"{owner} lasts only {primitive.end - primitive.start:.2f} s")
+    elif kind == "miss-pick":
+        grasping = [n for n, one in written.pieces if one.action == "Grasp"]
+        able = [n for n in grasping if n in written.numbers]
+        if not able:
+            owner = "this program" if written.numbers == written.all_numbers else written.labels[number - 1]
+            last_resort = written.slip_instead(written.all_numbers)
+            first = written.write(grasping[0], "miss-pick") if grasping else last_resort
+            raise refused(f"no piece of motion of {owner} grasps", first)
+        return InjectedFault("miss-pick", text, step=able[0])
     return InjectedFault(kind, text, t, camera, delay, number)
 
 
-def parse_sweep(text: str, steps: Sequence[Step], option: str = "--sweep") -> tuple[int, ProgramPrimitive]:
-    """Where a sweep such as `slip@a4` or `2:slip@a4` is: the number of the step, from 1, and the primitive.
+def parse_sweep(text: str, steps: Sequence[Step], option: str = "--sweep") -> Piece:
+    """Where a sweep such as `slip@a4` or `2:slip@a4` is.
 
     Raises InputError for a fault that cannot be swept.
     """
