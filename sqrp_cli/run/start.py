@@ -1,74 +1,19 @@
-"""Starts runs of a program in a simulated cell, once or many times with a fault at other instants.
-
-And programs at a share of their speed, as robots run them.
-"""
+"""What a run starts with: the first line of its log, a slip of a sweep, a program at a share of its speed."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.files.entries import Entry
 from sqrp_cli.logic.image_time import Onset, Window
-from sqrp_cli.program.record import Program, ProgramPrimitive, Replanner, Step
-from sqrp_cli.records import dataclass
+from sqrp_cli.program.record import Program, Step
 from sqrp_cli.run.faults import InjectedFault
 from sqrp_cli.run.record.events import VERSION, Event, ProgramStep, event
-from sqrp_cli.run.record.report import FaultRecord, RunReport, SweptRun
-from sqrp_cli.run.run import Recording, Run
 from sqrp_cli.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from sqrp_cli.run.cell.simulated_cell import SimulatedCell
-
-
-@dataclass(frozen=True, eq=False)
-class Simulation:
-    """What runs of a program in a simulated cell need; `replanner` plans retries."""
-
-    program: Program
-    workspace: Workspace
-    replanner: Replanner
-    seed: int
-
-    def cell(self) -> SimulatedCell:
-        """A cell at the start of the program. Raises InputError where the simulator cannot be used."""
-        from sqrp_cli.run.cell.simulated_cell import SimulatedCell  # MuJoCo is not needed to command a real cell
-
-        return SimulatedCell(self.workspace, self.program.steps[0].before, self.seed)
-
-    def run(
-        self,
-        faults: Sequence[InjectedFault] = (),
-        recording: Recording | None = None,
-        cell: SimulatedCell | None = None,
-    ) -> RunReport:
-        """One run; cell: that `cell` made and which is used again, which saves the time to make it."""
-        if cell is None:
-            with self.cell() as cell:
-                return self.run(faults, recording, cell)
-        cell.reset(self.program.steps[0].before)
-        return Run(self.program, self.workspace, cell, self.replanner, faults, recording).run()
-
-
-def sweep(
-    simulation: Simulation, step: int, primitive: ProgramPrimitive, count: int, step_done: Callable[[], None]
-) -> Iterator[SweptRun]:
-    """Runs with a slip at `count` instants, in the middle of as many equal parts of a primitive.
-
-    step: its number, from 1. step_done: called after each run.
-    """
-    with simulation.cell() as cell:
-        for index in range(count):
-            x = primitive.start + (index + 0.5) / count * (primitive.end - primitive.start)
-            report = simulation.run([slip_at(x, step)], cell=cell)
-            step_done()
-            # A run may see a fault that was not injected, or stop, before the step begins.
-            slip = next((fault for fault in report.faults if fault.injected is not None), FaultRecord("slip"))
-            yield SweptRun(**vars(slip), x=x, outcome=report.outcome, reason=report.reason, time=report.time)
 
 
 def slip_at(x: float, step: int = 1) -> InjectedFault:

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 import yaml
 
+from sqrp_cli.ask.api.program import OpenProgram
 from sqrp_cli.run.faults import InjectedFault
 from sqrp_cli.run.record.events import Event
 from sqrp_cli.run.record.report import FaultRecord, RunReport
-from sqrp_cli.run.start import Simulation
 from tests.cells import made_cell, read_cell, write_cell
 from tests.cli.conftest import press_ctrl_c
 from tests.cli.slip_run import RATE, Cell
@@ -186,13 +186,13 @@ def test_ctrl_c_in_a_step_keeps_those_before(sqrp, two_steps, monkeypatch, numbe
 
 
 def test_a_sweep_goes_to_the_step_in_which_something_can_slip(sqrp, two_steps, monkeypatch):
-    def run(_: Simulation, faults: Sequence[InjectedFault], **_more: object) -> RunReport:
+    def run(_: OpenProgram, _cell: object, faults: Sequence[InjectedFault]) -> RunReport:
         injected.extend(faults)
         return RunReport()
 
     injected: list[InjectedFault] = []
-    monkeypatch.setattr(Simulation, "run", run)
-    monkeypatch.setattr(Simulation, "cell", nullcontext)  # in which nothing runs
+    monkeypatch.setattr(OpenProgram, "simulate", run)
+    monkeypatch.setattr(OpenProgram, "simulated_cell", nullcontext)  # in which nothing runs
     _, second = yaml.safe_load(two_steps.program.read_text(encoding="utf-8"))["steps"]
     found = sqrp("run", two_steps.program, "--sim", "--sweep", "slip@a4", "--n", 1, "--json").document
     (middle,) = ((one["start"] + one["end"]) / 2 for one in second["primitives"] if one["name"] == "a4")
@@ -211,8 +211,8 @@ def test_ctrl_c_in_a_sweep_keeps_the_slips_that_are_finished(sqrp, cell, monkeyp
         done.append(t)
         return RunReport(faults=[FaultRecord("slip", t, t, t + 0.1, None, 14.0, 0.2)])
 
-    monkeypatch.setattr(Simulation, "run", run)
-    monkeypatch.setattr(Simulation, "cell", nullcontext)
+    monkeypatch.setattr(OpenProgram, "simulate", run)
+    monkeypatch.setattr(OpenProgram, "simulated_cell", nullcontext)
     done: list[float] = []
     arguments = ("run", cell.program, "--sim", "--sweep", "slip@a4", "--n", 3)
     found = sqrp(*arguments)

@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from sqrp_cli import open_cell, open_program
-from sqrp_cli.ask.api.program import late_replanner
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.program.file import load_program
 from sqrp_cli.run.faults import InjectedFault
 from sqrp_cli.run.record.report import Confusion, SweepDocument, SweptRun
-from sqrp_cli.run.start import Simulation, slip_at
+from sqrp_cli.run.start import slip_at
 from tests.conftest import TABLETOP
 
 PRECISION, AS_PREDICTED, STANDING = 0.97, 0.9, 0.5
@@ -40,13 +39,10 @@ def _programs(folder: Path) -> list[Path]:
     return sorted(folder.parent.glob("*.yaml"))
 
 
-def _simulation(program: Path, seed: int = 0) -> Simulation:
-    opened = open_program(program)
-    return Simulation(opened.program, opened.workspace, late_replanner(opened.workspace), seed)
-
-
 def _ran(program: Path, seed: int, faults: Sequence[InjectedFault], said: str) -> dict[str, Any]:
-    report = _simulation(program, seed).run(faults)
+    opened = open_program(program, seed=seed)
+    with opened.simulated_cell() as cell:
+        report = opened.simulate(cell, faults)
     return {
         "said": f"{said}: {report.reason or report.outcome}", "name": program.stem, "outcome": report.outcome,
         "faults": [asdict(fault) for fault in report.faults], "told": report.stop.told,

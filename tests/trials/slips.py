@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from sqrp_cli.ask.api.program import late_replanner
-from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.ask.api.cell import open_cell
+from sqrp_cli.ask.api.program import OpenProgram
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.image_time import Onset, delays
@@ -23,7 +23,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.program.file import new_program
 from sqrp_cli.program.record import Program, ProgramResponse
 from sqrp_cli.run.record.report import RunReport
-from sqrp_cli.run.start import Simulation, slip_at
+from sqrp_cli.run.start import slip_at
 from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.find import BestWay, WantedWay, find_way
 from sqrp_cli.study.program_update import make_step
@@ -45,20 +45,21 @@ LIMITS = {"velocity": "60 deg/s", "acceleration": "300 deg/s^2", "jerk": "3000 d
 
 def slips(number: int, folder: Path, n: int = 20) -> dict[str, Any] | None:
     """So many slips in a cell; `delays`: of each that must be seen, as measured, its mean and its worst [s]."""
-    workspace = load_workspace(_cell(folder / "cell", number))
-    cell = Cell.load(workspace)
-    candidates = read_task(TASK, workspace).candidates
+    path = _cell(folder / "cell", number)
+    opened = open_cell(path)
+    cell = Cell.load(opened.workspace)
+    candidates = read_task(TASK, opened.workspace).candidates
     found = [find_way(cell, candidate, cell.initial_world, Adaptive(), WantedWay()) for candidate in candidates]
     ways = [one.analysis for one in found if isinstance(one, BestWay) and one.analysis.windows[FAULT]]
     if not ways:
         return None
-    simulations = [Simulation(_program(cell, way), workspace, late_replanner(workspace), 0) for way in ways]
+    programs = [OpenProgram(path, _program(cell, way), opened) for way in ways]
     compared, rng = [], np.random.default_rng(number)
-    with simulations[0].cell() as simulated:
+    with programs[0].simulated_cell() as simulated:
         for turn in range(n):
-            way, simulation = ways[turn % len(ways)], simulations[turn % len(ways)]
+            way, program = ways[turn % len(ways)], programs[turn % len(ways)]
             x = float(rng.uniform(*way.onsets[FAULT][0].x[[0, -1]]))
-            compared += _compared(way, x, simulation.run([slip_at(x)], cell=simulated))
+            compared += _compared(way, x, program.simulate(simulated, [slip_at(x)]))
     tool = "fingers" if number % 2 else "suction"
     return {"said": f"{tool}: {_tally(compared)[0]}", "tool": tool, "delays": compared}
 

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
-from functools import partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from sqrp_cli.field.audit.report import AuditDocument, AuditedCamera
     from sqrp_cli.motion.cell import Cell
     from sqrp_cli.platform.processes import Progress
-    from sqrp_cli.program.record import Program, Step
+    from sqrp_cli.program.record import Program, Replanner, Step
+    from sqrp_cli.run.cell.simulated_cell import SimulatedCell
     from sqrp_cli.run.faults import InjectedFault
     from sqrp_cli.run.record.bag_recorder import BagRecorder
     from sqrp_cli.run.record.events import Event, Listener, ProgramStep
     from sqrp_cli.run.record.images import ImageRecorder
     from sqrp_cli.run.record.report import RunReport, SweepDocument
     from sqrp_cli.run.run import Recording
-    from sqrp_cli.run.start import Simulation
     from sqrp_cli.show.documents.explanation import Explanation
 
 PROGRAM = "program.yaml"  # the program in a folder of frames that a run keeps
@@ -254,6 +254,7 @@ class OpenProgram:
         """
         from sqrp_cli.ask.api.run_results import SimulatedRun
         from sqrp_cli.platform.files import check_writable
+        from sqrp_cli.platform.simulator import check_simulator
         from sqrp_cli.program.file import made_for, save_program
         from sqrp_cli.run.record.events import event
         from sqrp_cli.run.record.log import written_log
@@ -262,7 +263,8 @@ class OpenProgram:
         workspace = self.workspace
         injected = self.read_faults(ask.faults, ask.called("faults"))
         ask.check_not_read(self.files)
-        perform = elsewhere or partial(self._simulation().run, injected)
+        if elsewhere is None:
+            check_simulator()
         from sqrp_cli.run.run import Recording
         from sqrp_cli.run.start import header
 
@@ -280,7 +282,12 @@ class OpenProgram:
             states = ask.witnessed or logged is not None or recorder is not None
             if ask.frames is not None:
                 save_program(made_for(self.program, ask.frames / PROGRAM, workspace), ask.frames / PROGRAM)
-            report = perform(Recording(heard, gallery, states=states, spectator=spectator))
+            recording = Recording(heard, gallery, states=states, spectator=spectator)
+            if elsewhere is not None:
+                report = elsewhere(recording)
+            else:
+                with self.simulated_cell() as cell:
+                    report = self.simulate(cell, injected, recording)
             if logged is not None:
                 logged(event("report", report.time, report=report))
         happened = Counter(event.fault for event in events if event.event == "injected")
@@ -306,18 +313,23 @@ class OpenProgram:
         result has the runs that are finished.
         """
         from sqrp_cli.run.faults import parse_sweep
-        from sqrp_cli.run.record.report import SweepDocument, SweptRun
+        from sqrp_cli.run.record.report import FaultRecord, SweepDocument, SweptRun
+        from sqrp_cli.run.start import slip_at
 
         values.text("a slip and where, such as `slip@lift`").read(slip, option)
         values.count(1).read(count, "count")
         values.progress.read(progress, "progress")
-        simulation = self._simulation()
-        from sqrp_cli.run.start import sweep
-
         number, primitive = parse_sweep(slip, self.program.steps, option)
         runs: list[SweptRun] = []
-        with suppress(KeyboardInterrupt), progress(f"Sweeping {slip}", count) as advance:
-            runs.extend(sweep(simulation, number, primitive, count, lambda: advance(1)))  # keeps the finished
+        with suppress(KeyboardInterrupt), progress(f"Sweeping {slip}", count) as advance, self.simulated_cell() as cell:
+            for index in range(count):  # in the middle of as many equal parts of the primitive
+                x = primitive.start + (index + 0.5) / count * (primitive.end - primitive.start)
+                report = self.simulate(cell, [slip_at(x, number)])
+                advance(1)
+                # A run may see a fault that was not injected, or stop, before the step begins.
+                fault = next((one for one in report.faults if one.injected is not None), FaultRecord("slip"))
+                swept = SweptRun(**vars(fault), x=x, outcome=report.outcome, reason=report.reason, time=report.time)
+                runs.append(swept)
         slowest = max(1.0 / camera.rate for camera in self.workspace.cameras.values())
         tasks = [step.short_task for step in self.program.steps]
         asked = {"workspace": self.workspace.name, "sweep": slip, "step": number, "steps": tasks}
@@ -345,13 +357,28 @@ class OpenProgram:
             self.check_ran(load_program(kept).steps, "these frames are", Place(path), mend)
         return FolderFootage(self.program, self.workspace, path)
 
-    def _simulation(self) -> Simulation:
+    @cached_property
+    def replanner(self) -> Replanner:
+        """Plans retries."""
+        return late_replanner(self.workspace)
+
+    def simulated_cell(self) -> SimulatedCell:
+        """A simulated cell at the start of the program. Raises InputError where the simulator cannot be used."""
         from sqrp_cli.platform.simulator import check_simulator
 
         check_simulator()
-        from sqrp_cli.run.start import Simulation
+        from sqrp_cli.run.cell.simulated_cell import SimulatedCell  # MuJoCo is not needed to command a real cell
 
-        return Simulation(self.program, self.workspace, late_replanner(self.workspace), self.cell.seed)
+        return SimulatedCell(self.workspace, self.program.steps[0].before, self.cell.seed)
+
+    def simulate(
+        self, cell: SimulatedCell, faults: Sequence[InjectedFault] = (), recording: Recording | None = None
+    ) -> RunReport:
+        """One run in a simulated cell of its own, which can be used again: that saves the time to make it."""
+        from sqrp_cli.run.run import Run
+
+        cell.reset(self.program.steps[0].before)
+        return Run(self.program, self.workspace, cell, self.replanner, faults, recording).run()
 
 
 def read_run(log: str | Path) -> SimulatedRun:
