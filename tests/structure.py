@@ -37,11 +37,11 @@ ROOMS = {
     "study": ("study", 4_541),
     "search": ("search", 4_309),
     "checks": ("checks", 1_349),
-    "run": ("run", 7_212),
+    "run": ("run", 7_150),
     "field": ("field ros", 2_919),
     "score": ("score", 2_299),
     "show": ("show", 4_984),
-    "ask": ("ask cli __init__ __main__", 5_192),
+    "ask": ("ask cli __init__ __main__", 5_219),
     "studio": ("studio", 1_711),
     "starter, platform": ("starter platform", 2_374),
 }
