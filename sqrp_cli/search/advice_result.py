@@ -11,6 +11,7 @@ import numpy as np
 from sqrp_cli.document import LEFT_OUT, Record, TaskDocument, live
 from sqrp_cli.errors import InputError, bad_option
 from sqrp_cli.figures import FIGURE_NAMES, LATE, AdvisedFigures
+from sqrp_cli.files.entries import from_fields
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.goal import MOTION, Goal, Kind
 from sqrp_cli.study.ranking import rank
@@ -82,7 +83,7 @@ class TaskEffect(Record):
                     if known and np.round(sign * second / step) < np.round(sign * first / step):
                         names.append("delay_worst" if name == "latest" else name)
             if better or worse:
-                figures = AdvisedFigures.of(before), AdvisedFigures.of(after)
+                figures = from_fields(AdvisedFigures, before), from_fields(AdvisedFigures, after)
                 name = before.candidate.name
                 changed.append(
                     ChangedCandidate(candidate=name, before=figures[0], after=figures[1], worse=tuple(worse))

@@ -71,13 +71,7 @@ def placement_in_words(found: PlaceDocument) -> PlacementWords:
         scope = "The proof is about these mounts and ways; the figures are exact, between the samples, too."
     elif not found.reason:
         scope = "Not proven to be the best: the search ended before its proof."
-    return PlacementWords(
-        put=put,
-        unmet=unmet,
-        comparison=f"{mounts}{blocked}, {poses} with lenses, {ways}, {samples}",
-        moves=f"Cameras were then moved between the places ({moved}); the figures of the candidates are for that."
-        if moved
-        else "",
-        other_ways=f"In the patched workspace, `rank` takes another way of {', '.join(others)}." if others else "",
-        scope=scope,
-    )
+    moves = f"Cameras were then moved between the places ({moved}); the figures of the candidates are for that."
+    rest = f"In the patched workspace, `rank` takes another way of {', '.join(others)}." if others else ""
+    comparison = f"{mounts}{blocked}, {poses} with lenses, {ways}, {samples}"
+    return PlacementWords(put, unmet, comparison, moves if moved else "", rest, scope)

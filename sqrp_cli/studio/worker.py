@@ -45,7 +45,7 @@ from sqrp_cli.task.candidate import Candidate
 from sqrp_cli.task.feasibility import feasible_motion
 
 KEPT_PLANS = 64  # motions of so many candidates at most are kept for other cameras
-LOWER_PRIORITY = 10  # by how much processes that take longer are nicer than others: browser and sketches go first
+LOWER_PRIORITY = 20  # by how much processes that take longer are nicer than others: browser and sketches go first
 
 
 @dataclass(eq=False)
@@ -83,7 +83,6 @@ class RankingRun:
 
 def _nicely(work: Callable[[Any], Any], *about: object) -> Callable[[Any], Any]:
     """What a process that takes longer answers with, after others: `work` of what it is about and of a message."""
-    os.nice(LOWER_PRIORITY)
     os.nice(LOWER_PRIORITY)
     return partial(work, *about)
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from sqrp_cli.field.cell_server import CellServer
     from sqrp_cli.run.cell.robot_file import RobotFile
     from sqrp_cli.run.cell.ros_cell import RosCell
-    from sqrp_cli.run.record.events import Listener
+    from sqrp_cli.run.record.events import Event, Listener
 
 LOOPBACK = "127.0.0.1"  # the network on which a cell is served if nobody says otherwise: this computer alone
 LISTENED = 0.7  # for how long it is listened whether another cell is served [s]: to be heard takes 0.3 s
@@ -129,17 +129,16 @@ def _run(
 def _shown_live(opened: OpenProgram, *, as_json: bool, stopped: str = "") -> Iterator[Sequence[Listener]]:
     """What shows a run live; at Ctrl-C its finished steps are printed. stopped: what is then said of the robot."""
     from sqrp_cli.show.terminal.console import note
-    from sqrp_cli.show.terminal.run_view import FinishedSteps, live_view
+    from sqrp_cli.show.terminal.run_view import live_view, print_finished
 
-    finished = FinishedSteps([step.short_task for step in opened.program.steps])
+    events: list[Event] = []
+    steps = opened.program.steps
     try:
-        planned = sum(step.time for step in opened.program.steps)
-        with live_view(list(opened.workspace.cameras), planned=planned) as view:
-            yield finished, view
+        with live_view(list(opened.workspace.cameras), planned=sum(step.time for step in steps)) as view:
+            yield events.append, view
     except KeyboardInterrupt:
-        if not as_json:
-            finished.show(opened.workspace.name)
-        note(f"interrupted at {finished}{stopped}")
+        tasks = [step.short_task for step in steps]
+        note(f"interrupted at {print_finished(tasks, events, opened.workspace.name, quiet=as_json)}{stopped}")
         raise typer.Exit(ExitCode.INTERRUPTED) from None
 
 
@@ -148,19 +147,19 @@ def _replay(log: Path, program: Path | None, report: Path | None, *, as_json: bo
     from sqrp_cli.platform.files import check_not_read
     from sqrp_cli.run.record.log import read_log
     from sqrp_cli.show.terminal.console import note
-    from sqrp_cli.show.terminal.run_view import FinishedSteps, live_view
+    from sqrp_cli.show.terminal.run_view import live_view, print_finished
 
     header = next(read_log(log))  # a file that is no log is told before what is wrong with the program
     opened = None if program is None else read_program(program, check=False)
     check_not_read([report], [log, *([] if opened is None else opened.files)])
-    finished = FinishedSteps([step.skill for step in header.steps])
+    events: list[Event] = []
     with live_view(header.cameras, pace=not as_json) as view:
-        run = replayed(log, opened, finished, view)
+        run = replayed(log, opened, events.append, view)
     if run is not None:
         return _show(run, report, as_json=as_json)
     if report is not None or as_json:
         raise interrupted_log(log)
-    finished.show(header.workspace)
+    finished = print_finished([step.skill for step in header.steps], events, header.workspace)
     note(f"this log was interrupted at {finished}")
     return ExitCode.INTERRUPTED
 

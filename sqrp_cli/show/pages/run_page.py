@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -60,16 +61,8 @@ def write_run(
         if watched or scenes
         else None
     )
-    entry = PageRow(
-        name=names,
-        mark=report.outcome,
-        labels={"steps": names},
-        candidate=None,
-        reasons=[] if report.reason is None else [report.reason],
-        scene=0 if scenes else None,
-        detail=detail,
-        figures=figures,
-    )
+    reasons, scene = [] if report.reason is None else [report.reason], 0 if scenes else None
+    entry = PageRow(names, report.outcome, {"steps": names}, None, reasons, scene, detail, figures=figures)
     title = f"{names} in {began.workspace}: {report.outcome}"
     about = [*origin(arguments), ("workspace", began.workspace), ("digest", began.digest)]
     opens_at = min(noted, default=0.0 if report.done else report.time)
@@ -155,8 +148,7 @@ def _doings(events: Sequence[Event], end: float) -> list[Span]:
             starts.append((event.t, event.name, event.does))
         elif event.event in BETWEEN:
             starts.append((event.t, BETWEEN[event.event], None))
-    ends = [*(t for t, _, _ in starts), end][1:]
-    spans = zip(starts, ends, strict=True)
+    spans = zip(starts, [*(t for t, _, _ in starts), end][1:], strict=True)
     return [Span(name=name, does=does, start=start, end=to) for (start, name, does), to in spans if to > start]
 
 
@@ -180,27 +172,19 @@ def _targets(events: Sequence[Event], end: float) -> dict[str, dict[str, list[Ma
 
 def _moments(report: RunReport, events: Sequence[Event]) -> list[Mapping[str, object]]:
     """Times worth a look, with what happens then."""
-    happens: dict[float, list[str]] = {}
+    happens: dict[float, list[str]] = defaultdict(list)
     for fault in report.faults:
         injected, label = fault.injected if fault.happened is None else None, report.label_of(fault)
-        for t, text in (
-            (injected, f"{label} is injected"),
-            (fault.happened, f"{label} happens"),
-            (fault.detected, f"{label} is seen"),
-        ):
+        for t, what in (injected, "is injected"), (fault.happened, "happens"), (fault.detected, "is seen"):
             if t is not None:
-                happens.setdefault(round(t, 6), []).append(text)
-    words = {
-        "moving on": f"the robot {BETWEEN['moving on']}",
-        "stopping": f"the robot {BETWEEN['stopping']}",
-        "contact": "the tool feels contact",
-        "retry": "the robot tries again",
-    }
+                happens[round(t, 6)].append(f"{label} {what}")
+    words = {kind: f"the robot {BETWEEN[kind]}" for kind in ("moving on", "stopping")}
+    words |= {"contact": "the tool feels contact", "retry": "the robot tries again"}
     for event in events:
         if event.event in words:
-            happens.setdefault(event.t, []).append(words[event.event])
+            happens[event.t].append(words[event.event])
     for t in sorted({fault.recovered for fault in report.faults if fault.recovered is not None}):
-        happens.setdefault(round(t, 6), []).append("the step is done")
+        happens[round(t, 6)].append("the step is done")
     return [{"t": t, "text": ", ".join(texts)} for t, texts in sorted(happens.items())]
 
 

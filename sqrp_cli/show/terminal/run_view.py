@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import field
 from itertools import groupby
 from math import ceil, degrees, hypot
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 from sqrp_cli.document import how_many
 from sqrp_cli.errors import first_names
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.records import dataclass
 from sqrp_cli.run.record.events import BETWEEN, Event, ShownAtom, listed
 from sqrp_cli.run.record.report import Confusion, Disagreement, Prediction, RunReport, SweepDocument
 from sqrp_cli.show.terminal.console import (
@@ -94,32 +92,22 @@ def live_view(
         yield tell
 
 
-@dataclass
-class FinishedSteps:
-    """How far a run has come: a listener of it."""
+def print_finished(tasks: Sequence[str], events: Sequence[Event], workspace: str, *, quiet: bool = False) -> str:
+    """Print which steps of a run that was interrupted are finished, and what happened; returns how far it has come.
 
-    tasks: Sequence[str]  # what each of its steps does, in short
-    ends: list[float] = field(default_factory=list)
-    told: list[str] = field(default_factory=list)
-    t: float = 0.0
-
-    def __str__(self) -> str:
-        return f"{self.t:.2f} s of the run, when {len(self.ends)} of {len(self.tasks)} steps were finished"
-
-    def __call__(self, event: Event) -> None:
-        """Take note of an event."""
-        self.t = event.t
-        if event.event == "step" and event.number > len(self.ends) + 1:  # the one before is done
-            self.ends.append(event.t)
+    tasks: what each of its steps does, in short. quiet: to print nothing.
+    """
+    ends: list[float] = []
+    for event in events:
+        if event.event == "step" and event.number > len(ends) + 1:  # the one before is done
+            ends.append(event.t)
+    for number, (task, end) in enumerate(zip(tasks, () if quiet else ends, strict=False), 1):
+        say(joined([f"{number}: {task} in {workspace}: ", ("done", "bold green"), f", {end:.2f} s"]))
+    for event in () if quiet else events:
         if (happens := event_in_words(event)) is not None:
-            self.told.append(f"{event.t:.2f} s: {happens}")
-
-    def show(self, workspace: str) -> None:
-        """Print the steps that are finished, and what happened."""
-        for number, (task, end) in enumerate(zip(self.tasks, self.ends, strict=False), 1):
-            say(joined([f"{number}: {task} in {workspace}: ", ("done", "bold green"), f", {end:.2f} s"]))
-        for line in self.told:
-            say(line)
+            say(f"{event.t:.2f} s: {happens}")
+    t = events[-1].t if events else 0.0
+    return f"{t:.2f} s of the run, when {len(ends)} of {len(tasks)} steps were finished"
 
 
 def event_in_words(event: Event) -> str | None:
