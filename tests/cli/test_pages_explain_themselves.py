@@ -177,9 +177,8 @@ def test_a_run_begins_with_what_happened_and_opens_there(browser, tmp_path):
     assert opened.js("sqrp.time") == 7.47
     assert opened.texts("#moments [aria-pressed=true]") == ["7.47 s slip happens"]
     assert opened.texts(".row.axis .now")[0] == "lift"
-    assert not {"critical time seen", "longest time unseen"} & set(
-        opened.texts("#words dt")
-    )  # nothing of it is on the page
+    # Nothing of a prediction is on the page.
+    assert not {"critical time seen", "longest time unseen"} & set(opened.texts("#words dt"))
     for size in SIZES:
         assert too_wide(resized(opened, size)) == []
         walk(opened.page)
