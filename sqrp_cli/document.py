@@ -32,9 +32,8 @@ LIVE: Mapping[str, bool] = {"live": True}  # metadata of a field that no documen
 
 def live(default: Any = None, *, factory: Any = MISSING) -> Any:  # noqa: ANN401 - a field of any type
     """A field that is known only in the process that found the result: its default in a result that was read."""
-    if factory is not MISSING:
-        return field(default_factory=factory, metadata=LIVE, repr=False, compare=False)
-    return field(default=default, metadata=LIVE, repr=False, compare=False)
+    made = {"default": default} if factory is MISSING else {"default_factory": factory}
+    return field(**made, metadata=LIVE, repr=False, compare=False)
 
 
 class Record:

@@ -78,13 +78,9 @@ _FIELDS: Mapping[str, Mapping[str, Any]] = {
 }
 """What browsers may ask for: by its `do`, the other fields of such a message."""
 _make: Any = create_model
+_STRICT = ConfigDict(strict=True, frozen=True, extra="forbid")
 _RECORDS: Any = tuple(
-    _make(
-        do,
-        __config__=ConfigDict(strict=True, frozen=True, extra="forbid"),
-        do=(Literal[do], ...),
-        **{name: (kind, ...) for name, kind in own.items()},
-    )
+    _make(do, __config__=_STRICT, do=(Literal[do], ...), **{name: (kind, ...) for name, kind in own.items()})
     for do, own in _FIELDS.items()
 )
 _REQUESTS: TypeAdapter[Any] = TypeAdapter(Annotated[Union[_RECORDS], Field(discriminator="do")])  # noqa: UP007 - a list

@@ -279,10 +279,8 @@ class _Worker:
         chosen = self._ranking.get(self._chosen)
         if self._chosen not in self._sketches and self._session is not None and chosen is not None and chosen.feasible:
             found = sketches_of(self._session.cell, [step.way for step in chosen.steps or (chosen,)])
-            found = [] if isinstance(found, Infeasible) else found
-            self._sketches = (
-                {self._chosen: (found, joined(found, [one.seen_by(one.cell) for one in found]))} if found else {}
-            )
+            if not isinstance(found, Infeasible):
+                self._sketches = {self._chosen: (found, joined(found, [one.seen_by(one.cell) for one in found]))}
         return self._sketches.get(self._chosen)
 
     def _sketch(self, move: Move, number: int) -> None:

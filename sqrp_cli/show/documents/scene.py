@@ -332,15 +332,15 @@ def _opaque_parts(cell: Cell) -> list[OpaquePart]:
     found = []
     for part in parts:
         parent, X_PG = on_robot(cell.workspace.robot, cell.model, part.parent, part.X_PG)
-        shown: dict[str, Any]
+        shown: dict[str, Any] = {"shape": type(part.shape).__name__.lower()}
         match part.shape:
             case Mesh(path, scale):
                 shown = {"mesh": str(path), "scale": [mesh_unit(path) * along for along in scale]}
             case Box(size):
-                shown = {"shape": "box", "size": list(size)}
+                shown["size"] = list(size)
             case Sphere(radius):
-                shown = {"shape": "sphere", "size": radius}
-            case Cylinder() | Capsule() as round_one:
-                shown = {"shape": type(round_one).__name__.lower(), "size": [round_one.radius, round_one.length]}
+                shown["size"] = radius
+            case Cylinder(radius, length) | Capsule(radius, length):
+                shown["size"] = [radius, length]
         found.append(OpaquePart(name=part.name, parent=parent, **shown, pose=X_PG.tolist()))
     return found

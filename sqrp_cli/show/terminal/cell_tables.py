@@ -152,21 +152,18 @@ def print_scene(found: ShowDocument) -> None:
     say(f"\n{robot.contact}\n")
     _print_cameras(found)
     say()
-    objects = [
-        (name, " ".join(filter(None, (one.color, one.type, *one.attributes))), _numbered(one.size),
-         "from the recording" if name in (found.recorded or ()) else _position(one.pose),
-         "fixed" if one.fixed else "movable", "tool" if name == robot.held else one.on or "")
-        for name, one in found.objects.items()
-    ]  # fmt: skip
+    objects, lights = [], []
+    for name, thing in found.objects.items():
+        what = " ".join(filter(None, (thing.color, thing.type, *thing.attributes)))
+        at = "from the recording" if name in (found.recorded or ()) else _position(thing.pose)
+        on = "tool" if name == robot.held else thing.on or ""
+        objects.append((name, what, _numbered(thing.size), at, "fixed" if thing.fixed else "movable", on))
     print_table(list(map(Column, ("object", "what", "size [m]", "at [m]", "", "on"))), objects)
-    if found.lights:
-        lights = [
-            (
-                name, f"{one.intensity:g}", "everywhere" if one.direction is None else _numbered(one.direction),
-                _numbered(one.position or ()), "" if one.beam is None else f"{degrees(one.beam):.0f}",
-            )
-            for name, one in found.lights.items()
-        ]  # fmt: skip
+    for name, light in (found.lights or {}).items():
+        way = "everywhere" if light.direction is None else _numbered(light.direction)
+        beam = "" if light.beam is None else f"{degrees(light.beam):.0f}"
+        lights.append((name, f"{light.intensity:g}", way, _numbered(light.position or ()), beam))
+    if lights:
         say()
         print_table(list(map(Column, ("light", "intensity", "direction", "at [m]", "beam [deg]"))), lights)
     say(f"\nskills  {', '.join(found.skills)}")
@@ -181,14 +178,11 @@ def print_scene(found: ShowDocument) -> None:
 
 def _print_cameras(found: ShowDocument) -> None:
     """What each camera sees, from where it reads markers, and the files that say so."""
-    cameras = [
-        (
-            name, one.frame, _position(one.pose), f"{one.width}x{one.height}",
-            f"{degrees(2 * atan(one.width / 2 / one.K[0][0])):.0f}", one.distortion_model if any(one.D) else "ideal",
-            f"{one.near:g}-{inf if one.far is None else one.far:g}", f"{one.rate:g}", f"{1000 * one.latency:.0f}",
-        )
-        for name, one in found.cameras.items()
-    ]  # fmt: skip
+    cameras = []
+    for name, one in found.cameras.items():
+        view, lens = degrees(2 * atan(one.width / 2 / one.K[0][0])), one.distortion_model if any(one.D) else "ideal"
+        seen = f"{one.width}x{one.height}", f"{view:.0f}", lens, f"{one.near:g}-{inf if one.far is None else one.far:g}"
+        cameras.append((name, one.frame, _position(one.pose), *seen, f"{one.rate:g}", f"{1000 * one.latency:.0f}"))
     titles = ("camera", "frame", "at [m]", "pixels", "view\n[deg]", "lens", "range\n[m]", "rate\n[Hz]", "latency\n[ms]")
     print_table(list(map(Column, titles)), cameras)
     ranges = next((one.ranges for one in found.detectors.values() if one.ranges), {})
