@@ -11,7 +11,6 @@ import numpy as np
 from sqrp_cli.document import LEFT_OUT, Record, TaskDocument, live
 from sqrp_cli.errors import InputError, bad_option
 from sqrp_cli.figures import FIGURE_NAMES, LATE, AdvisedFigures
-from sqrp_cli.files.entries import from_fields
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.goal import MOTION, Goal, Kind
 from sqrp_cli.study.ranking import rank
@@ -83,7 +82,7 @@ class TaskEffect(Record):
                     if known and np.round(sign * second / step) < np.round(sign * first / step):
                         names.append("delay_worst" if name == "latest" else name)
             if better or worse:
-                figures = from_fields(AdvisedFigures, before), from_fields(AdvisedFigures, after)
+                figures = AdvisedFigures.of(before), AdvisedFigures.of(after)
                 name = before.candidate.name
                 changed.append(
                     ChangedCandidate(candidate=name, before=figures[0], after=figures[1], worse=tuple(worse))

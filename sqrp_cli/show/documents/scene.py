@@ -310,7 +310,7 @@ def _camera(cell: Cell, one: Camera) -> CameraScene:
     return from_fields(
         CameraScene,
         one,
-        latency=one.lag,
+        CameraTiming.of(one),
         K=one.matrix.tolist(),
         # ROS has no name for the absence of distortion; it writes five zeros.
         distortion_model="plumb_bob" if straight else one.distortion_model,
