@@ -256,7 +256,7 @@ def recorded_task(
     signatures |= {one: Signature(one, (Parameter("object"),)) for one in of_objects}
     action = Action(name, (), Compound("and"), tuple(uses), (), document.key_place(at))
     constants = dict.fromkeys(objects, "object")
-    domain = Domain(name, document.path, frozenset(), {}, constants, signatures, {name: action})
+    domain = Domain(document.path, {}, constants, signatures, {name: action})
     watched = " and ".join(one for one in asked if one in known)
     usual = [f"always[{EPISODE}.start, {EPISODE}.end] ({watched})"] if watched else []
     dropped = {

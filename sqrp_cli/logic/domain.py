@@ -117,10 +117,7 @@ class Action:
 class Domain:
     """A PDDL domain."""
 
-    name: str
     path: Path
-    requirements: frozenset[str]
-    """As declared, such as `:typing`."""
     types: Mapping[str, str]
     """Each declared type with its parent; `object` is the root and not among them."""
     constants: Mapping[str, str]
@@ -162,5 +159,4 @@ def merge_domains(domains: Sequence[Domain]) -> Domain:
                     raise bad_input("pddl-conflict", message, Place(domain.path))
             entries.setdefault(name, entry)
             owners.setdefault((part, name), domain)
-    requirements = frozenset(requirement for domain in domains for requirement in domain.requirements)
-    return Domain("-".join(domain.name for domain in domains), domains[0].path, requirements, **merged)
+    return Domain(domains[0].path, **merged)

@@ -122,7 +122,7 @@ class _Reader:
             raise self.failure("this is a PDDL problem; expected `(define (domain NAME) ...)`", named)
         if len(named.items) != 2:
             raise self.failure("expected `(domain NAME)`", named)
-        name = self.word(named.items[1], "a domain name", name=True).text
+        self.word(named.items[1], "a domain name", name=True)
         sections: dict[str, list[Node]] = {head: [] for head in _SECTIONS}
         for node in top.items[2:]:
             if not node.head:
@@ -148,15 +148,7 @@ class _Reader:
                     self.problems += error.problems
         if self.problems:
             raise InputError(*sorted(self.problems, key=lambda problem: problem.position))
-        return pddl.Domain(
-            name=name,
-            path=self.source.place.file,
-            requirements=frozenset(self.requirements),
-            types=self.types,
-            constants=self.constants,
-            predicates=self.predicates,
-            actions=self.actions,
-        )
+        return pddl.Domain(self.source.place.file, self.types, self.constants, self.predicates, self.actions)
 
     def read_declarations(self, section: Node) -> None:
         """The requirements, the types, the constants or the predicates."""

@@ -15,6 +15,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import IntEnum
 from itertools import accumulate
+from typing import TypeAlias
 
 from sqrp_cli.logic.formula import Formula, Operator, Predicate
 from sqrp_cli.logic.literal import Atom
@@ -51,37 +52,29 @@ class Signal:
         return self.values[bisect_right(self.starts, half) - 1]
 
 
-@dataclass(frozen=True)
-class Trace:
-    """Evidence about atoms over the time [0, total] [s]."""
+Sample: TypeAlias = tuple[float, Mapping[Atom, Truth]]
+"""A time [s], and truth values of atoms from then on; an atom that is not in it is unknown."""
 
-    samples: tuple[tuple[float, Mapping[Atom, Truth]], ...]
-    """Times [s], in order, and truth values of atoms from then on; an atom that is not in it is unknown.
 
-    Each holds from its time, included, to the next one's, excluded, and the last one up to `end`, included. Before the
-    first sample and after `end` everything is unknown.
+def evaluate(formula: Formula, samples: Sequence[Sample], end: float, whole: float) -> Signal:
+    """The value of a bound formula at every instant from 0 to `whole` [s]; that at 0 is the verdict.
+
+    samples: in order of time; each holds to the next one's time, excluded, and the last one up to `end` [s], included.
+    Before the first sample and after `end` everything is unknown. Raises ValueError if a bound of an interval is no
+    number (see `with_times`).
     """
-    end: float
-    total: float
-
-
-def evaluate(formula: Formula, trace: Trace) -> Signal:
-    """The value of a bound formula at every instant; that at 0 is the verdict.
-
-    Raises ValueError if a bound of an interval is no number (see `with_times`).
-    """
-    total = 2 * nanoseconds(trace.total)
+    total = 2 * nanoseconds(whole)
     if isinstance(formula, Predicate):
-        atom, end = formula.atom, 2 * nanoseconds(trace.end)
-        times = [2 * nanoseconds(time) for time, _ in trace.samples]
+        atom, last = formula.atom, 2 * nanoseconds(end)
+        times = [2 * nanoseconds(time) for time, _ in samples]
 
         def shown(half: int) -> Truth:
             index = bisect_right(times, half) - 1
-            values = trace.samples[index][1] if index >= 0 and half <= end else {}
+            values = samples[index][1] if index >= 0 and half <= last else {}
             return values.get(atom, Truth.UNKNOWN)
 
-        return _signal((*times, end + 1), shown, total)
-    parts = [evaluate(part, trace) for part in formula.parts]
+        return _signal((*times, last + 1), shown, total)
+    parts = [evaluate(part, samples, end, whole) for part in formula.parts]
     operator, starts = formula.operator, [start for part in parts for start in part.starts]
     if formula.interval is None:
         return _signal(starts, lambda half: joined(operator, [part.at(half) for part in parts]), total)
@@ -136,9 +129,9 @@ class Monitor:
     def __init__(self, formula: Formula, total: float) -> None:
         """Starts without evidence; formula as for `evaluate`, total: duration of the motion [s]."""
         self._formula, self._total = formula, total
-        self._samples: tuple[tuple[float, Mapping[Atom, Truth]], ...] = ()
+        self._samples: tuple[Sample, ...] = ()
         self._last_time = -math.inf
-        self.truth = evaluate(formula, Trace((), -1.0, total)).at(0)
+        self.truth = evaluate(formula, (), -1.0, total).at(0)
 
     def observe(self, time: float, values: Mapping[Atom, Truth]) -> Truth:
         """The verdict with the values from `time` [s] on; the previous sample held until then.
@@ -151,5 +144,5 @@ class Monitor:
         if self.truth == Truth.UNKNOWN:
             if not self._samples or self._samples[-1][1] != values:
                 self._samples = (*self._samples, (time, dict(values)))
-            self.truth = evaluate(self._formula, Trace(self._samples, time, self._total)).at(0)
+            self.truth = evaluate(self._formula, self._samples, time, self._total).at(0)
         return self.truth

@@ -15,7 +15,7 @@ from sqrp_cli.errors import InputError, bad_input
 from sqrp_cli.logic.domain import nested
 from sqrp_cli.logic.formula import Predicate
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.logic.truth import Trace, Truth, evaluate
+from sqrp_cli.logic.truth import Truth, evaluate
 from sqrp_cli.program.record import Program, Replanner, Step
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.cell.ros_cell import RosCell
@@ -247,7 +247,7 @@ def prepare_retry(lockstep: Lockstep, replanner: Replanner, attempt: Attempt, al
 
     def is_seen() -> bool:
         known = {Atom.of(atom): value for atom, value in collector.values.items()}
-        return condition is None or evaluate(condition, Trace(((0.0, known),), 0.0, 0.0)).at(0) == Truth.TRUE
+        return condition is None or evaluate(condition, [(0.0, known)], 0.0, 0.0).at(0) == Truth.TRUE
 
     attempt.failed, attempt.undisturbed = True, False
     lockstep.cancel("tool")

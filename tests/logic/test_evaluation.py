@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import product
 from pathlib import Path
 from random import Random
+from typing import NamedTuple
 
 import pytest
 from hypothesis import given, settings
@@ -14,12 +15,18 @@ from sqrp_cli.errors import Place
 from sqrp_cli.logic.formula import Formula, Instant, Interval, Operation, Predicate
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.mtl_parser import parse_formula
-from sqrp_cli.logic.truth import Monitor, Trace, Truth, evaluate
+from sqrp_cli.logic.truth import Monitor, Sample, Truth, evaluate
 from tests.cells import read_cases
 
 P, Q = Predicate("p", ()), Predicate("q", ())
 TRUE, FALSE, UNKNOWN = Truth.TRUE, Truth.FALSE, Truth.UNKNOWN
 OPPOSITE = {TRUE: FALSE, FALSE: TRUE, UNKNOWN: UNKNOWN}
+
+
+class Trace(NamedTuple):
+    samples: tuple[Sample, ...]
+    end: float
+    total: float
 
 
 def evidence(predicate: Predicate, trace: Trace, half: int) -> Truth:
@@ -93,7 +100,7 @@ def ten_cases(most_samples: int = 6) -> st.SearchStrategy[Cases]:
 @given(ten_cases())
 def test_the_verdict_equals_that_of_a_brute_force_evaluator_at_every_instant(cases: Cases) -> None:
     for formula, trace in cases:
-        signal, values = evaluate(formula, trace), brute_force(formula, trace)
+        signal, values = evaluate(formula, *trace), brute_force(formula, trace)
         assert [signal.at(half * 10**9) for half in range(len(values))] == values, (str(formula), trace)
 
 
@@ -101,7 +108,7 @@ def test_the_verdict_equals_that_of_a_brute_force_evaluator_at_every_instant(cas
 @given(ten_cases(most_samples=3))
 def test_a_decision_is_the_same_under_every_completion_of_the_evidence(cases: Cases) -> None:
     for formula, trace in cases:
-        truth = evaluate(formula, trace).at(0)
+        truth = evaluate(formula, *trace).at(0)
         times = [0.0, *(time for time, _ in trace.samples if 0 < time <= trace.total)]
         if trace.end < trace.total:
             times.append(trace.end + 0.5)
@@ -111,7 +118,7 @@ def test_a_decision_is_the_same_under_every_completion_of_the_evidence(cases: Ca
         for values in product(*choices):
             rows = zip(times, values[::2], values[1::2], strict=True)
             samples = tuple((time, {P.atom: p, Q.atom: q}) for time, p, q in rows)
-            outcomes.add(evaluate(formula, Trace(samples, trace.total, trace.total)).at(0))
+            outcomes.add(evaluate(formula, samples, trace.total, trace.total).at(0))
         assert UNKNOWN not in outcomes
         if truth != UNKNOWN:
             assert outcomes == {truth}, (str(formula), trace)
@@ -125,7 +132,7 @@ def test_the_monitor_says_the_same_as_the_evaluation_of_the_evidence_so_far(case
         decided = monitor.truth
         for count, (time, values) in enumerate(trace.samples, start=1):
             truth = monitor.observe(time, values)
-            assert truth == evaluate(formula, Trace(trace.samples[:count], time, trace.total)).at(0)
+            assert truth == evaluate(formula, trace.samples[:count], time, trace.total).at(0)
             assert decided in {UNKNOWN, truth}, (str(formula), trace)
             decided = truth
 
@@ -143,14 +150,14 @@ def known(*samples: tuple[float, Truth]) -> Trace:
 
 
 def test_what_was_seen_up_to_an_instant_is_unknown_right_after_it() -> None:
-    signal, second = evaluate(read("p"), Trace(((0.0, {SEEN: TRUE}),), 5.0, 7.0)), 2 * 10**9
+    signal, second = evaluate(read("p"), ((0.0, {SEEN: TRUE}),), 5.0, 7.0), 2 * 10**9
     assert [signal.at(half) for half in (0, 1, 5 * second)] == [TRUE] * 3
     assert [signal.at(half) for half in (5 * second + 1, 7 * second)] == [UNKNOWN] * 2
 
 
 @pytest.mark.parametrize(("formula", "samples", "truth"), read_cases("logic.yaml")["verdicts"])
 def test_verdicts_worked_out_by_hand(formula: str, samples: list[tuple[float, int]], truth: int) -> None:
-    assert evaluate(read(formula), known(*((time, Truth(value)) for time, value in samples))).at(0) == truth
+    assert evaluate(read(formula), *known(*((time, Truth(value)) for time, value in samples))).at(0) == truth
 
 
 LATE = [(0.0, FALSE, UNKNOWN), (1.0, TRUE, UNKNOWN), (1.9, TRUE, UNKNOWN), (2.0, TRUE, TRUE), (3.0, FALSE, TRUE)]
@@ -169,7 +176,7 @@ def test_a_monitor_decides_as_soon_as_the_evidence_does(
     with pytest.raises(ValueError, match="not newer"):
         monitor.observe(evidence[-1][0], {SEEN: TRUE})
     with pytest.raises(ValueError, match=r"a1\.start"):
-        evaluate(read(formula.replace("1", "a1.start", 1)), known((0, TRUE)))
+        evaluate(read(formula.replace("1", "a1.start", 1)), *known((0, TRUE)))
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -195,4 +202,4 @@ def test_verdicts_on_complete_traces_are_those_of_rtamt(seed: int) -> None:
     specification.parse()
     (_, robustness), *_ = specification.evaluate({"time": list(range(seconds)), **values})
     samples = tuple((t, {Atom(name): Truth(int(value[t])) for name, value in values.items()}) for t in range(seconds))
-    assert evaluate(formula, Trace(samples, seconds, seconds)).at(0) == (1 if robustness > 0 else -1)
+    assert evaluate(formula, samples, seconds, seconds).at(0) == (1 if robustness > 0 else -1)

@@ -33,7 +33,6 @@ TRAYS = """; Several actions, and all that is supported.
 
 def test_a_domain_with_everything_that_is_supported() -> None:
     domain = read(TRAYS)
-    assert domain.name == "trays"
     of_movable, of_fixture = dict.fromkeys(("screw", "cube"), "movable"), dict.fromkeys(("tray", "table"), "fixture")
     assert domain.types == {**of_movable, **of_fixture, "movable": "object", "fixture": "object"}
     assert domain.constants == {"bin": "tray"}

@@ -18,7 +18,7 @@ from sqrp_cli.logic.formula import Formula, Operation, Predicate
 from sqrp_cli.logic.formula_time import GroundOperator, ground_operators
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.logic.mtl_parser import parse_formula
-from sqrp_cli.logic.truth import Monitor, Trace, Truth, evaluate
+from sqrp_cli.logic.truth import Monitor, Truth, evaluate
 from sqrp_cli.program.record import ProgramFormula, ProgramResponse, Step
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.monitor.nominal_step import NominalStep
@@ -56,7 +56,7 @@ def against_the_plan(nominal: NominalStep) -> Iterator[str]:
             values = {atom: nominal.holds(str(atom), t) for atom in ends}
             stay = [atom for atom, end in ends.items() if nominal.holds(str(atom), t, end, value=values[atom])]
             samples.append((t, {atom: Truth.TRUE if values[atom] else Truth.FALSE for atom in stay}))
-        truth = evaluate(formula, Trace(tuple(samples), total, total)).at(0)
+        truth = evaluate(formula, samples, total, total).at(0)
         if truth == (Truth.FALSE if entry.fault is None else Truth.TRUE):
             what = "fails" if entry.fault is None else f"is true, and so the fault `{entry.fault}` is seen,"
             yield f"`{entry.formula}` {what} though all goes as planned"
