@@ -53,9 +53,13 @@ class RecordedMotions:
     """Those of the cell."""
 
     @cached_property
+    def _state(self) -> str:
+        return self.task.file_state
+
+    @property
     def recording(self) -> Recording:
         """As its workspace wants it to be read, and as its files are when it is first asked for. Raises InputError."""
-        return opened(self.task.file, self.task.entry.signal, self.task.entry.rate, self.task.file_state)
+        return opened(self.task.file, self.task.entry.signal, self.task.entry.rate, self._state)
 
     def episode(self, choice: SkillChoice) -> Episode:
         """The episode that is chosen. Raises InputError."""
