@@ -84,6 +84,7 @@ def option(
 
 
 argument = partial(option, default=NEEDED)  # a field that is said by its place
+optional: Any = option  # a field that may be left out, then it is None: types of requests need no default of it
 
 
 def flag(flags: str, help: str, *, default: bool = False) -> Any:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from sqrp_cli.ask import values
-from sqrp_cli.ask.request import FieldKind, OptionWord, Request, argument, flag, option, options, value
+from sqrp_cli.ask.request import FieldKind, OptionWord, Request, argument, flag, option, optional, options, value
 from sqrp_cli.errors import bad_option
 
 if TYPE_CHECKING:
@@ -173,17 +173,13 @@ class ExplainRequest(TaskRequest):
         "all",
         shown="--ways [best|all|first]",
     )
-    step: int | None = option(
-        "--step",
-        "Of a task of several steps, or of a program: which; by default the one seen worst.",
-        values.count(1),
-        default=None,
+    step: int | None = optional(
+        "--step", "Of a task of several steps, or of a program: which; by default the one seen worst.", values.count(1)
     )
-    windows: float | None = option(
+    windows: float | None = optional(
         "--windows TIME",
         "When does a camera have all in free view for so long, such as 500 ms, and what would open such a window?",
         values.seconds,
-        default=None,
     )
     max_time: TimeLimit | str | float | None = MAX_TIME
 
@@ -194,17 +190,13 @@ class AdviseRequest(TaskRequest):
     The motion comes first, then what it handles, cameras last: their aim, position, lens, and another camera.
     """
 
-    want: str | None = option(
+    want: str | None = optional(
         "--want GOAL",
         'Of q_eoi, q_avg, time, delay, such as "q_eoi 100 %, delay 1 s"; by default the thresholds of the task.',
         values.text("a goal such as `q_eoi 100 %, time 20 s`"),
-        default=None,
     )
-    kinds: Any = option(
-        "--kinds KIND,...",
-        "What may change, all of it: way, path, object, aim, position, lens, camera.",
-        values.kinds,
-        default=None,
+    kinds: Any = optional(
+        "--kinds KIND,...", "What may change, all of it: way, path, object, aim, position, lens, camera.", values.kinds
     )
     ways: Ways = _ways("first: the motion stays as rank --ways first has it.")
     choose: str = CHOOSE
@@ -223,9 +215,7 @@ class CheckRequest(Request):
     )
     plan: bool | None = value(values.where_needed, default=None)
     """Whether to plan the steps to do first; by default if no candidate can be done at once."""
-    planner: Planner | None = option(
-        "--planner NAME", "Plan with this engine of unified-planning.", values.planner, default=None
-    )
+    planner: Planner | None = optional("--planner NAME", "Plan with this engine of unified-planning.", values.planner)
     after: AnyPath = AFTER
     jobs: int = JOBS
     progress: Progress = PROGRESS
@@ -266,12 +256,11 @@ class PlaceRequest(ScoreRequest):
         default=(),
         complete="tasks",
     )
-    cameras: int | None = option("--cameras", "Most cameras on mounts.", values.count(1), default=None)
-    want: str | None = option(
+    cameras: int | None = optional("--cameras", "Most cameras on mounts.", values.count(1))
+    want: str | None = optional(
         "--want GOAL",
         'As few cameras as possible with which every candidate has it, such as "q_eoi 100 %, delay 0.5 s".',
         values.text("a goal such as `q_eoi 100 %, delay 0.5 s`"),
-        default=None,
     )
     objective: Objective = option(
         "--objective", "Which quality of all candidates counts first.", values.one_of("least", "mean"), default="least"
@@ -284,16 +273,13 @@ class PlaceRequest(ScoreRequest):
         default=(),
         complete="cameras",
     )
-    budget: float | None = option("--budget PRICE", "Most that the cameras may cost.", values.number(0.0), default=None)
+    budget: float | None = optional("--budget PRICE", "Most that the cameras may cost.", values.number(0.0))
     ways: Ways = _ways("first: ways stay as rank --ways first has them.")
-    mounts: AnyPath = option(
-        "--mounts FILE", "Mounts and lenses; by default place.yaml beside the workspace.", values.path, default=None
+    mounts: AnyPath = optional(
+        "--mounts FILE", "Mounts and lenses; by default place.yaml beside the workspace.", values.path
     )
-    time: float | None = option(
-        "--time T",
-        "Longest time for choosing, once all mounts are looked from; then the best so far.",
-        values.seconds,
-        default=None,
+    time: float | None = optional(
+        "--time T", "Longest time for choosing, once all mounts are looked from; then the best so far.", values.seconds
     )
     gap: float = option(
         "--gap POINTS", "How far from the best the quality may be, in points.", values.number(0.0, 100.0), default=0.0
@@ -317,15 +303,14 @@ class RunRequest(Request):
         default=(),
         kw_only=False,
     )
-    film: AnyPath = option(
+    film: AnyPath = optional(
         "--record FILE",
         "*.mp4: film all cameras, with what is seen drawn in. *.mcap, or *.bag for ROS 1: images, joints, frames, "
         "boxes and verdicts, as Foxglove and RViz show them and `sqrp audit` reads them.",
         values.path,
-        default=None,
     )
-    log: AnyPath = option("--log FILE", "Write what happens, one JSON document per line.", values.path, default=None)
-    frames: AnyPath = option("--frames DIR", "Keep every image, as `sqrp audit` reads them.", values.path, default=None)
+    log: AnyPath = optional("--log FILE", "Write what happens, one JSON document per line.", values.path)
+    frames: AnyPath = optional("--frames DIR", "Keep every image, as `sqrp audit` reads them.", values.path)
     listeners: Sequence[Listener] = value(values.listeners, default=())  # called with each event as it happens
     witnessed: bool = value(values.flag, default=True)
     """Whether the events have the true poses, for a page; a log always has them."""
@@ -382,11 +367,8 @@ class AuditRequest(Request):
         default=0.97,
         kw_only=False,
     )
-    topics: Mapping[str, str] | None = option(
-        "--topic CAMERA=TOPIC",
-        "Images of a camera whose name is not in its topic's; repeatable.",
-        values.topics,
-        default=None,
+    topics: Mapping[str, str] | None = optional(
+        "--topic CAMERA=TOPIC", "Images of a camera whose name is not in its topic's; repeatable.", values.topics
     )
     progress: Progress = PROGRESS
 
@@ -403,12 +385,8 @@ class CalibrateRequest(Request):
         values.path,
         kw_only=False,
     )
-    workspace: AnyPath = option(
-        "--workspace WORKSPACE", "The cell that `labels.csv` is about.", values.path, default=None
-    )
-    program: AnyPath = option(
-        "--program FILE", "The program that was run, if it is not in FRAMES.", values.path, default=None
-    )
+    workspace: AnyPath = optional("--workspace WORKSPACE", "The cell that `labels.csv` is about.", values.path)
+    program: AnyPath = optional("--program FILE", "The program that was run, if it is not in FRAMES.", values.path)
     progress: Progress = PROGRESS
 
 
@@ -428,39 +406,33 @@ class InitRequest(Request):
     arguments: Mapping[str, str] | None = argument(
         "NAME:=VALUE", "Arguments of a xacro, such as ur_type:=ur5e.", values.xacro, default=None, kw_only=True
     )
-    robot: str | None = option(
+    robot: str | None = optional(
         "--robot NAME",
         "Your arm by its name, such as ur5e, panda or so101; an unknown name lists what is installed.",
         values.text("the name of a robot"),
-        default=None,
     )
-    urdf: AnyPath = option(
-        "--urdf FILE", "Your arm, URDF or xacro; without it, one of the program's own.", values.urdf, default=None
+    urdf: AnyPath = optional(
+        "--urdf FILE", "Your arm, URDF or xacro; without it, one of the program's own.", values.urdf
     )
-    mjcf: AnyPath = option("--mjcf FILE", "Your arm as MuJoCo has it.", values.urdf, default=None)
-    gripper: str | None = option(
+    mjcf: AnyPath = optional("--mjcf FILE", "Your arm as MuJoCo has it.", values.urdf)
+    gripper: str | None = optional(
         "--gripper NAME|FILE",
         "Such as robotiq_2f_85, or its URDF; without it, the hand in the arm's URDF or a suction cup.",
         values.text("the name or the URDF of a gripper"),
-        default=None,
     )
-    moveit: AnyPath = option(
-        "--moveit DIR", "Its configuration of MoveIt; one beside the URDF is found.", values.path, default=None
+    moveit: AnyPath = optional(
+        "--moveit DIR", "Its configuration of MoveIt; one beside the URDF is found.", values.path
     )
-    recording: AnyPath = option(
+    recording: AnyPath = optional(
         "--recording FILE",
         "Somebody's motion: a LeRobot dataset, a bag, CSV and the like; its episodes are then the task.",
         values.path,
-        default=None,
     )
     package_roots: Sequence[AnyPath] = option(
         "--package-root DIR", "Where packages are looked up; may be repeated.", values.paths, default=()
     )
-    tip: str | None = option(
-        "--tip LINK",
-        "The link at the end of the arm, of a robot with several arms.",
-        values.text("the name of a link"),
-        default=None,
+    tip: str | None = optional(
+        "--tip LINK", "The link at the end of the arm, of a robot with several arms.", values.text("the name of a link")
     )
     run: bool = option(
         "--run/--no-run",

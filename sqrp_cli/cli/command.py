@@ -15,6 +15,7 @@ from sqrp_cli.ask.request import NEEDED, Field, OptionWord, Request, Words
 from sqrp_cli.cli import completion
 from sqrp_cli.errors import ExitCode, bad_option
 
+Command = Callable[..., ExitCode | None]  # None stands for OK
 UsageError: Any = typer.BadParameter.__base__
 """What Typer raises for a command line that it cannot read; it names it nowhere else."""
 
@@ -145,9 +146,7 @@ def _each(value: Any) -> list[Any]:  # noqa: ANN401 # as above
     return list(value) if isinstance(value, (list, tuple)) else [value]
 
 
-def command(
-    name: str, record: type[Request] | None = None
-) -> Callable[[Callable[..., ExitCode]], Callable[..., ExitCode]]:
+def command(name: str, record: type[Request] | None = None) -> Callable[[Command], Command]:
     """Makes a function a command: an option for each word of its request, and of what only a command line says.
 
     The function takes the request, if there is one, and by their names the values of the fields that are the defaults
@@ -168,13 +167,13 @@ def command(
             word.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, made]
         )
 
-    def made(run: Callable[..., ExitCode]) -> Callable[..., ExitCode]:
+    def made(run: Command) -> Command:
         stated = {one.name: one.default for one in inspect.signature(run).parameters.values()}
         own = {name: one for name, one in stated.items() if isinstance(one, Field)}
         of_record = () if record is None else record.own_first
         asked: type[Request] = type("Asked", (record or Request,), dict(own))  # a field of its own goes first
 
-        def called(**words: Any) -> ExitCode:  # noqa: ANN401 - by the words
+        def called(**words: Any) -> ExitCode | None:  # noqa: ANN401 - by the words
             # The value of each word by its name is None or empty where it is not said.
             found: dict[str, Any] = {}
             for name, one in asked.fields.items():

@@ -273,7 +273,7 @@ def _cell(
         "--pace FACTOR", "How fast its time may pass; 0.1 on a busy computer.", values.number(1e-3, 100.0), default=1.0
     ),
     seed: int = requests.SEED,
-) -> ExitCode:
+) -> None:
     """Serve the simulated cell to other programs: it follows trajectories and publishes joint states and images.
 
     Runs until Ctrl-C. Its clock is `/clock`, which passes more slowly where this computer is too slow.
@@ -314,7 +314,6 @@ def _cell(
             server.serve(lambda: False, pace)
     except KeyboardInterrupt:
         note("stopped serving")
-    return ExitCode.OK
 
 
 def _served_as(joints: Sequence[str], cell: OpenCell, network: str | None, domain: int | None) -> RobotFile:
@@ -417,7 +416,7 @@ def _calibrate(
     *,
     patch: Path | None = option("--patch FILE", "Write a patch of the workspace with the curves.", values.path),
     json: bool = requests.JSON,
-) -> ExitCode:
+) -> None:
     from sqrp_cli.files.yaml_edit import to_apply
     from sqrp_cli.platform.files import check_not_read
     from sqrp_cli.show.terminal.console import note
@@ -429,4 +428,3 @@ def _calibrate(
         write_patch(patch, "Curves that `sqrp calibrate` found", found.patch)
         note(f"to have the curves: {to_apply(patch, found.cell.workspace.whole_file.file)}")
     answer(found, as_json=json)
-    return ExitCode.OK

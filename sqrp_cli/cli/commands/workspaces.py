@@ -24,21 +24,20 @@ def _show(
     ),
     *,
     json: bool = requests.JSON,
-) -> ExitCode:
+) -> None:
     """Show how a workspace is understood, or the table of a saved result.
 
     Of a workspace: robot, cameras, objects, skills and state, with every path and pose resolved.
     """
     if is_result(workspace):
         answer(read_result(workspace), as_json=json)
-        return ExitCode.OK
+        return
     from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.show.terminal.console import print_problems
 
     cell = OpenCell.read(workspace)
     print_problems((*(one for one in cell.findings if one.severity == "warning"), *cell_warnings(cell.cell)))
     answer(cell.scene(), as_json=json)
-    return ExitCode.OK
 
 
 @command("set")
@@ -47,7 +46,7 @@ def _set(
     stated: Sequence[str] = argument(
         "PATH=VALUE...", "Values by dotted path, such as cameras.cam1.rate=20.", values.texts("values by their paths")
     ),
-) -> ExitCode:
+) -> None:
     """Set values of a workspace file by their paths, as the studio does. Comments and layout stay.
 
     Nothing is written where the result would be no workspace.
@@ -70,7 +69,7 @@ def _set(
     content = with_values(document, said)
     if content == document.content:
         note(f"{file} says so already; nothing was written")
-        return ExitCode.OK
+        return
     opened = OpenCell.read(workspace, 0, content)
     findings = (*opened.findings, *impossible_tasks(opened.workspace))
     print_problems(one for one in findings if one.severity != "error")
@@ -78,7 +77,6 @@ def _set(
         raise InputError(*errors)
     replace_workspace(document, content)
     note(f"{file} is written")
-    return ExitCode.OK
 
 
 @command("studio")
@@ -92,7 +90,7 @@ def _studio(
     no_browser: bool = flag("--no-browser", "Open no browser, only print the address."),
     jobs: int = requests.JOBS,
     seed: int = requests.SEED,
-) -> ExitCode:
+) -> None:
     """Open a live page of a cell: move cameras, parts and the robot, and see what that changes.
 
     The page is for this machine only. Ctrl-C closes it; what was not saved is lost.
@@ -140,7 +138,6 @@ def _studio(
             studio.under_way.end()
     finally:
         worker.close()
-    return ExitCode.OK
 
 
 @command("rules")
@@ -154,7 +151,7 @@ def _rules(
     ),
     *,
     json: bool = requests.JSON,
-) -> ExitCode:
+) -> None:
     """List all findings: their codes, what each looks for, and why.
 
     With CODE, show one finding in full, with an example that passes and one that fails.
@@ -165,7 +162,6 @@ def _rules(
     if code is not None and code not in rules():
         raise bad_input("unknown-rule", f"there is no finding `{code}`; {expected_names(code, rules())}")
     answer(RulesDocument(rules=list(rules().values()) if code is None else [rules()[code]]), as_json=json)
-    return ExitCode.OK
 
 
 @command("schema")
@@ -180,7 +176,7 @@ def _schema(
     ),
     *,
     _as_always: bool = flag("--json", "Print one JSON document and nothing else, as always."),
-) -> ExitCode:
+) -> None:
     """Print the JSON Schema of a file, or of what a command prints with --json.
 
     Editors complete and check files with it, programs read documents with it.
@@ -191,7 +187,6 @@ def _schema(
     from sqrp_cli.show.terminal.console import say_raw
 
     say_raw(json.dumps(schema_of(name), indent=2))
-    return ExitCode.OK
 
 
 @command("init", requests.InitRequest)
