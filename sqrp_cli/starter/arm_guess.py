@@ -70,9 +70,8 @@ def guess_arm(urdf: UrdfModel, tip: str | None = None) -> ArmGuess:
                 others.append(_tip(urdf, chain))
     last = arm[-1]
     slides = [urdf.pose_in(urdf.root, joint.child)[:3, :3] @ joint.axis for joint in arm if joint.type == "prismatic"]
-    axes = (
-        len(arm) - len(slides) + (int(np.linalg.matrix_rank(slides, tol=1e-3)) if slides else 0)
-    )  # one of a telescope
+    ways = int(np.linalg.matrix_rank(slides, tol=1e-3)) if slides else 0  # one of a telescope
+    axes = len(arm) - len(slides) + ways
     may_swing = axes < AXES_OF_A_POSE and last.type != "prismatic"
     return ArmGuess(
         joints=tuple(driving_joints(arm, urdf.movable_joints)),

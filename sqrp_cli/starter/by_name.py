@@ -84,15 +84,12 @@ def find_named(name: str, kind: Kind) -> tuple[str, dict[str, str]]:
     if plain not in known:
         close = nearest(plain, known)
         message = f"no {kind} is called `{name}`; " + (f"did you mean `{close}`? " if close else "") + here
-        raise bad_option(
-            message, mend=f"name one of these, or its file: `--{'urdf' if kind == 'robot' else kind} FILE`"
-        )
+        option = "--urdf" if kind == "robot" else "--gripper"
+        raise bad_option(message, mend=f"name one of these, or its file: `{option} FILE`")
     package = next(table[plain] for table in tables if plain in table).partition("/")[0]
-    how = (
-        f"pip install {PIP[package]}"
-        if package in PIP
-        else f"install the ROS package {package}, and source its workspace"
-    )
+    how = f"install the ROS package {package}, and source its workspace"
+    if package in PIP:
+        how = f"pip install {PIP[package]}"
     raise bad_option(f"`{plain}` is in a package that is not installed, {PIP.get(package, package)}; {here}", mend=how)
 
 

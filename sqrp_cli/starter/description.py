@@ -134,10 +134,8 @@ def _find(robot: OwnRobot, config: MoveitConfig | None) -> tuple[Path, Mapping[s
     # Packages are configured from a URDF that is not kept: then the xacro beside it is meant.
     for name in (stated, f"{stated}.xacro", stated.removesuffix(".urdf") + ".xacro") if stated else ():
         try:
-            return packages.resolve(name, config.folder, roots, place).resolve(), {
-                **config.arguments,
-                **robot.arguments,
-            }
+            path = packages.resolve(name, config.folder, roots, place).resolve()
+            return path, {**config.arguments, **robot.arguments}
         except InputError as error:
             problems += error.problems
     fitting = _descriptions(config, roots, robot.arguments)
@@ -149,10 +147,8 @@ def _find(robot: OwnRobot, config: MoveitConfig | None) -> tuple[Path, Mapping[s
         message = f"this configuration is of several robots: {first_names(names)}"
         problems, mend = [], f"name the one by `--urdf FILE`, such as {fitting[0][1]}"
     else:
-        message = (
-            "this configuration does not say which URDF it was made of (`.setup_assistant`), and none of its robot "
-        )
-        message += "is in its package, in those that its package.xml needs, or in those beside it"
+        message = "this configuration does not say which URDF it was made of (`.setup_assistant`), and none of its "
+        message += "robot is in its package, in those that its package.xml needs, or in those beside it"
     raise InputError(replace([*problems, Problem("missing-key", message, place)][0], mend=mend))
 
 

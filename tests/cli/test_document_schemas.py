@@ -223,10 +223,3 @@ def test_every_finding_has_a_row_under_its_subject_and_an_entry(sqrp):
     assert [entry["code"] for entry in document["rules"]] == list(rules())
     (both,) = sqrp("rules", "overlapping-objects", "--json").document["rules"]
     assert both["severity"] == ["error", "warning"]
-
-
-@pytest.mark.parametrize("code", rules())
-def test_every_line_of_an_example_is_shown(sqrp, code):
-    shown = sqrp("rules", code).out
-    for line in (*rules()[code].passes.splitlines(), *rules()[code].fails.splitlines()):
-        assert f"  {line.rstrip()}" in shown

@@ -353,7 +353,6 @@ def test_the_hand_worked_cell_has_figures_and_causes_worked_out_by_hand(scenes):
         for key, value in figures.items():
             assert document["faults"]["moved"][key] == (value if value is None else pytest.approx(value, abs=EXACT))
     # Every cause is named where it was staged.
-    _, documents = scenes["watch"]
     staged = {
         "seen": (None, None), "near": ("too_near", None), "far": ("too_far", None), "left": ("out_of_image", "left"),
         "right": ("out_of_image", "right"), "high": ("out_of_image", "top"), "low": ("out_of_image", "bottom"),

@@ -63,13 +63,6 @@ def test_pictures_show_things_where_the_intrinsics_put_them_and_targets_outlined
     assert right - left == pytest.approx(400 * 0.05 * (cosine + sine), abs=8)
 
 
-def test_the_same_pictures_come_out_again_beside_a_document(turned, sqrp, watch, tmp_path):
-    outcome = sqrp("explain", watch, "watch turned", "--json", "--images", tmp_path)
-    assert outcome.document["feasible"]
-    for path in turned[0].iterdir():
-        assert (tmp_path / path.name).read_bytes() == path.read_bytes()
-
-
 def test_a_lens_bends_the_picture_as_it_bends_the_verdicts(sqrp, own_watch, tmp_path):
     edit(own_watch, "fx: 400}", "fx: 400, distortion: {model: plumb_bob, coefficients: [-0.3, 0.1, 0, 0, 0]}}")
     assert sqrp("explain", own_watch, "watch turned", "--images", tmp_path / "bent").code == 0

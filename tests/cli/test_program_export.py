@@ -107,15 +107,6 @@ def test_the_check_for_contacts_does_see_some(replay, monkeypatch):
     assert any("table" in pair for pair in replay.contacts())
 
 
-def test_an_export_is_replaced_by_the_next_and_is_the_same_every_time(sqrp, program, tmp_path):
-    for name in ("out.csv", "out.yaml"):
-        path = tmp_path / name
-        assert sqrp("program", program, "--export", path).code == 0
-        first = path.read_bytes()
-        assert sqrp("program", program, "--export", path).code == 0
-        assert path.read_bytes() == first
-
-
 def test_fingers_move_in_the_table_but_are_left_out_of_the_arm_controllers_message(sqrp, gripper, tmp_path):
     program = tmp_path / "fingers.yaml"
     assert sqrp("rank", gripper, "pickup_two_finger can", "--program", program).code == 0

@@ -138,7 +138,8 @@ def test_a_result_that_is_not_as_it_was_written_is_computed_again(sqrp, own_watc
     wrong = [{**result, "outside": None}, {**result, "checksum": "x"}, {**result, "value": {}}]
     edited = content.replace(b'"time": 4.0', b'"time": 4.5', 1)
     assert edited != content
-    damaged = [b"", b"\xff\xfe", content[:30], edited, *(json.dumps(other).encode() for other in (*lacking, *wrong))]
+    odd = [b"[" * 100_000, *(content.replace(b"{", b'{"x": %s,' % number, 1) for number in (b"9" * 400, b"1e999"))]
+    damaged = [b"", b"\xff\xfe", content[:30], edited, *odd, *map(str.encode, map(json.dumps, (*lacking, *wrong)))]
     for other in damaged:
         kept.write_bytes(other)
         second = sqrp("score", own_watch, "--out", out, "--json", "--jobs", 1)

@@ -18,7 +18,7 @@ from sqrp_cli.field.audit.report import AuditDocument, AuditedPose
 from sqrp_cli.field.audit.survey import survey
 from sqrp_cli.files.yaml_file import parse_yaml
 from sqrp_cli.geometry import inverse, pose
-from sqrp_cli.ros.bag import Bag
+from tests.damage.cell import as_rosbag2
 from tests.trials.recordings import CellPictures, Truth, record
 
 pytestmark = pytest.mark.slow
@@ -116,22 +116,10 @@ def test_what_is_not_known_of_cameras_and_how_a_patch_is_had_is_said(audit, sqrp
 def test_every_kind_of_recording_is_read_alike(quick_cell, tmp_path, kind):
     opened = open_program(quick_cell.program)
     mcap = quick_cell.folder / "turned.mcap"
-    path = mcap.with_suffix(".bag") if kind == "ros1" else copied(mcap, tmp_path / "rosbag2")
+    path = mcap.with_suffix(".bag") if kind == "ros1" else as_rosbag2(mcap, tmp_path / "rosbag2")
     first, second = (BagFootage(opened.program, opened.workspace, one, {}) for one in (mcap, path))
     assert [(one.camera, one.t) for one in second.frames] == [(one.camera, one.t) for one in first.frames]
     assert second.starts == first.starts
     few = first.frames[::20]
     for (_, a), (_, b) in zip(first.images(few), second.images(second.frames[::20]), strict=True):
         np.testing.assert_array_equal(a.image, b.image)
-
-
-def copied(path: Path, folder: Path) -> Path:
-    """The messages of a recording in a rosbag2 folder with SQLite, as ROS 2 wrote them until Humble."""
-    from rosbags import rosbag2
-
-    with Bag(path) as bag, rosbag2.Writer(folder, version=8) as writer:
-        kinds = {topic.name: topic.type for topic in bag.topics}
-        ways = {name: writer.add_connection(name, kind, typestore=bag.types.store) for name, kind in kinds.items()}
-        for one in bag.messages(kinds):
-            writer.write(ways[one.topic], one.t, one.data)
-    return folder

@@ -96,7 +96,7 @@ def _record(made: Path) -> None:
     _do("run", program, "--sim", "--record", watched / ROS1, "--json")
     for recording in (watched / MCAP, watched / ROS1):
         _thin(recording)
-    _as_rosbag2(watched / MCAP, watched / ROSBAG2)
+    as_rosbag2(watched / MCAP, watched / ROSBAG2)
     columns, *rows = (frames / "frames.csv").read_text(encoding="utf-8").splitlines()
     planned = [row for row in rows if not row.endswith(",")]
     kept, first = planned[:FRAMES_KEPT], planned[0].split(",")[1]
@@ -120,13 +120,14 @@ def _thin(recording: Path) -> None:
     thinned.replace(recording)
 
 
-def _as_rosbag2(recording: Path, folder: Path) -> None:
-    """Write the messages of an MCAP into a folder with SQLite."""
+def as_rosbag2(recording: Path, folder: Path) -> Path:
+    """The messages of an MCAP in a folder with SQLite, as ROS 2 wrote them until Humble."""
     with Bag(recording) as bag, rosbag2.Writer(folder, version=8) as writer:
         kinds = {topic.name: topic.type for topic in bag.topics}
         ways = {name: writer.add_connection(name, kind, typestore=bag.types.store) for name, kind in kinds.items()}
         for one in bag.messages(kinds):
             writer.write(ways[one.topic], one.t, one.data)
+    return folder
 
 
 def _do(*words: object) -> str:

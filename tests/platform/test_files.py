@@ -39,13 +39,6 @@ def test_whoever_wants_to_be_alone_with_a_file_waits_for_the_others(tmp_path: Pa
     os.close(folder)
 
 
-def test_only_an_executable_file_gets_the_run_bit(tmp_path: Path) -> None:
-    write_atomically(tmp_path / "plain", "")
-    write_atomically(tmp_path / "script", "", executable=True)
-    assert not os.access(tmp_path / "plain", os.X_OK)
-    assert os.access(tmp_path / "script", os.X_OK)
-
-
 @pytest.mark.parametrize("call", ["fsync", "replace"])
 def test_a_failure_leaves_the_old_file_and_says_which_could_not_be_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
@@ -100,10 +93,3 @@ def test_what_is_written_to_an_open_stream_comes_after_what_is_in_its_file(tmp_p
     with path.open("a") as stream:
         write_atomically(Path(f"/proc/self/fd/{stream.fileno()}"), "after\n")
     assert path.read_text() == "before\nafter\n"
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no device that is always full")
-def test_a_device_that_takes_no_more_is_named() -> None:
-    with pytest.raises(InputError, match="No space left on device") as caught:
-        write_atomically(Path("/dev/full"), "content")
-    assert [one.place for one in caught.value.problems] == [Place(Path("/dev/full"))]

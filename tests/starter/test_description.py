@@ -175,14 +175,6 @@ def test_with_objects_of_ones_own_and_nothing_else_the_task_can_be_done(starter:
     assert [candidate.feasible for candidate in checked.candidates] == [True]
 
 
-def test_limits_are_taken_over_exactly(workspace: Workspace) -> None:
-    for name, stated in yaml.safe_load(LIMITS)["joint_limits"].items():
-        limits = workspace.robot.limits[name]
-        assert limits.velocity == 0.5 * stated["max_velocity"]
-        assert limits.acceleration == (0.8 * stated["max_acceleration"] if name != JOINTS[5] else 2)
-        assert limits.jerk == stated["max_jerk"]
-
-
 def test_the_configuration_beside_a_urdf_is_found_by_itself_and_not_chosen_among_two(own: Path, tmp_path: Path) -> None:
     robot = OwnRobot(str(own / "Vendor_Arm_ROS2" / "urdf" / "my_arm.urdf"))
     found = describe_robot(robot, tmp_path)

@@ -16,12 +16,7 @@ if TYPE_CHECKING:
 
 
 def learned(ask: CalibrateRequest) -> CalibrateDocument:
-    """How likely detectors see, from labelled frames.
-
-    Frames lie in a folder with `frames.csv` and the program that was run (as `run(frames=...)` keeps them), or with
-    `labels.csv`; or in a recording that `audit` reads. Raises InputError for frames that cannot be used, or from which
-    nothing can be learned.
-    """
+    """How likely detectors see, from labelled frames. Raises InputError for frames that teach nothing."""
     from sqrp_cli.platform.simulator import check_packages
 
     check_packages()

@@ -20,11 +20,7 @@ if TYPE_CHECKING:
 
 
 def made(ask: InitRequest) -> NewCell:
-    """A new workspace with its skill, ready to rank, in a folder that does not exist or is empty.
-
-    The arm is that of `urdf` or `mjcf`, else that of which the configuration in `moveit` was made, else one of the
-    package's own. Raises InputError for an arm that cannot be used; nothing is ever overwritten.
-    """
+    """A new workspace with its skill, ready to rank. Raises InputError for an arm or a folder that cannot be used."""
     from sqrp_cli.show.documents.programs import NewCell
     from sqrp_cli.show.documents.schemas import schema_of
     from sqrp_cli.starter.by_name import find_named

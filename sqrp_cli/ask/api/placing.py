@@ -91,11 +91,7 @@ def find_placement(
 
 
 def _requirements(request: PlaceRequest, workspace: Workspace, mounts: Mounts, kept: int) -> Requirements:
-    """What is asked of the cameras, of which so many are kept.
-
-    With fewer cameras than the skills of a workspace need at once it has errors. Raises InputError for fewer cameras
-    than that, and for a budget below the price of so many cameras, wherever they are.
-    """
+    """What is asked of the cameras, of which `kept` stay. Raises InputError for fewer, or less money, than can do."""
     needs = ((target.cameras, skill.name) for skill in workspace.skills.values() for target in skill.targets.values())
     most, name = max(needs, default=(0, ""), key=lambda one: one[0])
     least, floor = most - kept, None

@@ -82,10 +82,7 @@ def _program(
 
 
 def _judged(program: Program, file: Path) -> tuple[Workspace | None, list[Problem]]:
-    """The program's workspace, and why the program is not reliable: the workspace has changed, or is missing.
-
-    Raises InputError if the program was edited, or contradicts an unchanged workspace.
-    """
+    """The program's workspace, and why the program is not reliable: the workspace has changed, or is missing."""
     from sqrp_cli.cell.load import load_workspace
     from sqrp_cli.program.file import check_program, check_unedited, find_workspace, stale
 

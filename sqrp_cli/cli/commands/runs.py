@@ -183,11 +183,9 @@ def _show(run: SimulatedRun, report: Path | None, *, as_json: bool) -> ExitCode:
 def _run_on_robot(
     opened: OpenProgram, robot: Path, speed: float, ask: RunRequest, *, agreed: bool, moves: bool, as_json: bool
 ) -> SimulatedRun:
-    """Run a program on the robot that a file leads to; at Ctrl-C it stops, and it stands when all is done.
+    """Run a program at a share of its speed on the robot that a file leads to; at Ctrl-C it stops, and stands.
 
-    speed: share of the program's. moves: else only images are looked at. agreed: whether nobody need be asked.
-
-    Raises InputError where the cell is not as the program says, or nobody agrees.
+    moves: else only images are looked at. agreed: whether nobody need be asked.
     """
     from sqrp_cli.platform.simulator import check_packages
     from sqrp_cli.run.cell.robot_file import read_robot_file
@@ -225,10 +223,7 @@ def _run_on_robot(
 
 
 def check_cell(cell: RosCell, start: Mapping[str, float], robot: Path, *, as_json: bool) -> None:
-    """Compare a cell with the program, and print what was compared. Raises InputError where it differs.
-
-    start: where the program begins, by joint [rad or m]. robot: the file that leads to the cell.
-    """
+    """Compare a cell with where a program begins, and print that. Raises InputError where it differs."""
     from sqrp_cli.run.cell.ros_checks import check_cell as compared
     from sqrp_cli.show.terminal.console import Column, note, print_table, say
 
