@@ -98,14 +98,13 @@ def _detail(
     marks, end = [], report.time
     for fault in report.faults:
         label, spans = report.label_of(fault), []
-        if fault.happened is not None:
-            seen_at = end if fault.detected is None else fault.detected
-            text = f"{label} has happened and is not noticed"
-            spans.append({"kind": "unnoticed", "start": fault.happened, "end": seen_at, "text": text})
-        if fault.detected is not None:
-            acted = end if fault.acted is None else fault.acted
-            text = f"{label} is noticed, the robot stops and looks"
-            spans.append({"kind": "handled", "start": fault.detected, "end": acted, "text": text})
+        for kind, start, until, what in (
+            ("unnoticed", fault.happened, fault.detected, "has happened and is not noticed"),
+            ("handled", fault.detected, fault.acted, "is noticed, the robot stops and looks"),
+        ):
+            if start is not None:
+                text = f"{label} {what}"
+                spans.append({"kind": kind, "start": start, "end": end if until is None else until, "text": text})
         marks += [{"label": label, "spans": spans}] if spans else []
     # What the images of each time showed. The last ones count for as long as any before them, then none.
     seen = {event.exposed: event for event in events if event.event == "evidence"}
