@@ -17,11 +17,7 @@ _COMMAND = re.compile(r"^(\s*):(?=:)|#(?=#[A-Za-z]*\[)")
 
 
 def one_line(text: str) -> str:
-    """A text in which every character can be seen.
-
-    Control characters, line breaks, marks that turn the direction of writing, characters without width and halves of
-    characters, as in paths that are not UTF-8, become `REPLACEMENT`.
-    """
+    """A text that can all be seen: control and format characters and halves of characters become `REPLACEMENT`."""
     if text.isprintable():
         return text
     return "".join(character if character.isprintable() else REPLACEMENT for character in text)

@@ -47,10 +47,7 @@ def summary(candidates: Sequence[CandidateResult], by: Criterion, *, worst: bool
 
 
 def first_answer(first: CandidateResult, *, worst: bool = False) -> str:
-    """What to do, and what that means: how soon its worst fault is noticed, how long it takes, and with a retry.
-
-    Of the episodes of a recording, which is seen best, or worst.
-    """
+    """What to do, and what that means; of the episodes of a recording, which is seen best, or worst."""
     if first.phases:
         return f"{first.name[0].upper()}{first.name[1:]} is seen {'worst' if worst else 'best'}: {what_it_means(first)}"
     return f"Take {first.name}: {what_it_means(first)}"
@@ -123,10 +120,7 @@ def differing_parameters(candidates: Sequence[CandidateResult]) -> list[str]:
 
 
 def part_shares_in_words(parts: Sequence[HidingPart]) -> str:
-    """What each of several parts hides, the rest together: `forearm_link 40.2 %, tray 3.1 %, 2 others 0.4 %`.
-
-    Without those that hide less than 0.05 %, save the first.
-    """
+    """What each part hides, as `forearm_link 40.2 %, 2 others 0.4 %`; not those below 0.05 %, save the first."""
     parts = [part for number, part in enumerate(parts) if number == 0 or part.share >= LEAST_SHOWN]
     shown, others = parts[:MOST_PARTS], parts[MOST_PARTS:]
     words = [f"{part.name} {100 * part.share:.1f} %" for part in shown]

@@ -59,10 +59,7 @@ class Move:
 
 
 def moved(workspace: Workspace, move: Move) -> Workspace:
-    """The workspace with something elsewhere.
-
-    Raises InputError for what cannot be put there, and for a camera that would look at its own lens.
-    """
+    """The workspace with something elsewhere. Raises InputError where it cannot be, as for a look at the own lens."""
     if max(map(abs, move.position)) > FARTHEST:
         raise bad_option(f"{move.in_words()}, expected at most {FARTHEST:g} m from the origin")
     if move.kind == "camera":
@@ -101,10 +98,7 @@ def moved(workspace: Workspace, move: Move) -> Workspace:
 
 
 def aim(workspace: Workspace, camera: Camera) -> Array:
-    """The point that a camera looks at [m] over what is up in its image, in the frame that carries it, (2, 3).
-
-    The point is 1 m ahead if none is stated.
-    """
+    """The point that a camera looks at, or 1 m ahead [m], over its upward direction, in the frame of its pose, (2, 3)."""
     stated, X_FC = stated_look_at(workspace, camera.name), camera.X_FC
     return np.array([X_FC[:3, 3] + X_FC[:3, 2], -X_FC[:3, 1]]) if stated is None else stated
 

@@ -222,10 +222,7 @@ class Studio:
                 self._reread()
 
     def _edit(self, label: str, make: Callable[[SourceDocument], bytes], line: str | None = None) -> None:
-        """Change the text. Raises InputError where that makes no workspace; then nothing changes.
-
-        line: the command that does it, if it is not the one that sets what differs.
-        """
+        """Change the text by a command, else by setting values. Raises InputError where that makes no workspace."""
         document = read_workspace_document(self._draft.path, self._draft.content)
         content = make(document)
         if content == self._draft.content:

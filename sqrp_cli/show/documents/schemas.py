@@ -49,10 +49,7 @@ NAMES = (*FILES, *DOCUMENTS, *RECORDS)  # everything that has a schema
 
 
 def schema_of(name: str) -> dict[str, Any]:
-    """JSON Schema (2020-12) of a kind of file, of a command's document, or of a line of a log.
-
-    Raises InputError for other names.
-    """
+    """JSON Schema (2020-12) of a file, a command's document, or a line of a log. Raises InputError for other names."""
     if name in FILES:
         schema = FILES[name].model_json_schema(schema_generator=_Described)
         for called, definition in schema["$defs"].items():
@@ -65,10 +62,7 @@ def schema_of(name: str) -> dict[str, Any]:
 
 
 class _Described(GenerateJsonSchema):
-    """Describes inherited fields too; Pydantic takes only the texts under the fields of a class itself.
-
-    Records of files have the names in `_RECORD_NAMES`.
-    """
+    """Describes inherited fields too, which Pydantic does not; records of files have the names in `_RECORD_NAMES`."""
 
     def normalize_name(self, name: str) -> str:
         return super().normalize_name(_RECORD_NAMES.get(name, name) if self.mode == "validation" else name)

@@ -138,10 +138,7 @@ def packed(document: object) -> str:
 
 
 def tidy(value: Any, digits: int | None = DIGITS) -> Any:  # noqa: ANN401 # a record, or a JSON value of any kind
-    """A record as a JSON value, with figures rounded and invisible characters spelled out.
-
-    digits: decimals that figures keep; None for all.
-    """
+    """A record as a JSON value: figures with so many digits, or all (None), and invisible characters spelled out."""
     match value:
         case bool() | int() | None:
             return value
@@ -209,10 +206,7 @@ class PageContent:
 
 
 def write_page(content: PageContent, path: Path) -> None:
-    """Write the page: an overview, shown before any motion is decoded, then models and motions.
-
-    All or nothing. Raises InputError where it cannot be written or a library is missing.
-    """
+    """Write the page, all or nothing: the overview, then models and motions. Raises InputError where that cannot be."""
     entries, scenes = [row(entry) for entry in content.entries], [scene for scene, _ in content.scenes]
     data = {"overview": packed({**plain(content), "entries": entries, "scenes": scenes})}
     data |= {f"model-{index}": model for index, (_, model) in enumerate(content.scenes)}

@@ -73,10 +73,7 @@ def write_scores(
     arguments: Sequence[str],
     progress: Progress,
 ) -> None:
-    """Write the page about scores, with the best candidate of each task.
-
-    means: how they were computed. arguments: of the command.
-    """
+    """Write the page about scores. means: how they were computed. arguments: of the command."""
     usable = [(one.name, one.workspace) for one in cells if one.workspace is not None and one.tasks]
 
     def scored(one: tuple[str, Workspace]) -> tuple[list[CellScene], list[PageRow]]:
@@ -137,10 +134,7 @@ def cell_scene(cell: Cell) -> CellScene:
 def origin(
     arguments: Sequence[str], job: RankJob | None = None, assumed: str = "", judged: Sequence[CandidateResult] = ()
 ) -> list[tuple[str, str]]:
-    """The command and the version that made the page; of a job its workspace, and how exact figures are.
-
-    assumed: what delays assume of its cameras. judged: the feasible candidates with figures.
-    """
+    """The command and the version; of a job its workspace, what delays assume, and the accuracy of what is judged."""
     about = [("command", shlex.join(["sqrp", *arguments])), ("SQRP", __version__)]
     if job is not None:
         about += [("workspace", str(job.cell.workspace.path)), ("digest", job.cell.workspace.digest)]

@@ -91,10 +91,7 @@ def story(report: RunReport) -> str:
 def _detail(
     cameras: Sequence[str], report: RunReport, events: Sequence[Event], track: Track | None, why_flat: str
 ) -> Mapping[str, object]:
-    """The playback of a run: the fields of a candidate's, with what images showed in place of predictions.
-
-    Marked is when a fault had happened but was not seen, and when it was seen but not yet mended.
-    """
+    """The playback of a run: the fields of a candidate's, with what images showed, and when faults were not noticed."""
     marks, end = [], report.time
     for fault in report.faults:
         label, spans = report.label_of(fault), []

@@ -197,10 +197,7 @@ def contact_sheet(title: str, rows: Sequence[tuple[str, Sequence[Picture]]]) -> 
 
 
 def _silhouette(corners: Array, projection: Projection) -> list[tuple[float, float]]:
-    """The outline of a box in the image, its edges bent by the lens, as far as it lies before the camera.
-
-    The convex hull of points on the edges, by Andrew's monotone chain.
-    """
+    """The outline of a box in the image, bent by the lens: the convex hull of its edges (Andrew's monotone chain)."""
     points = np.concatenate([np.linspace(corners[a], corners[b], 17) for a, b in _EDGES])
     pixels, inside = projection.pixels(points[points[:, 2] > _LEAST_Z])
     pixels = pixels[inside]

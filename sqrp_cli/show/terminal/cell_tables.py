@@ -36,10 +36,7 @@ if TYPE_CHECKING:
 
 
 def print_check(found: Check) -> None:
-    """That a workspace is valid, and how to go on; of a task what can be done, or what first, and why others cannot.
-
-    Nothing where there are errors.
-    """
+    """What of a task can be done, or what first, and why not; without one that the cell is valid. Silent on errors."""
     if not found.valid:
         return
     if found.task is None:

@@ -42,10 +42,7 @@ SEVERITY_STYLES = {"error": "bold red", "warning": "yellow"}  # styles of errors
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table. Its title may have several lines.
-
-    Numbers are right-aligned. shrink: whether long text may be folded to fit the terminal.
-    """
+    """A column with a title of one line or several. shrink: whether long text may be folded to fit the terminal."""
 
     title: str
     right: bool = False
@@ -211,10 +208,7 @@ def say_assumed(assumed: str) -> None:
 
 
 def say_command(text: str, command: str, style: str | None = None) -> None:
-    """A sentence that ends in a command. The command is never folded, so that it can be copied.
-
-    If the terminal is too narrow for both, the command gets its own line.
-    """
+    """A sentence that ends in a command, which is never folded, so that it can be copied; it may get its own line."""
     if cell_len(f"{text} {command}") <= output().width:
         say(f"{text} {command}", style)
         return
@@ -240,10 +234,7 @@ def note(text: str) -> None:
 
 
 def ask(question: str) -> str:
-    """The user's answer, without blanks around it; raises EOFError if there is no more input.
-
-    An answer from a pipe is echoed, since no terminal shows it.
-    """
+    """The user's answer without blanks around it, echoed from a pipe; raises EOFError if there is no more input."""
     answer = input(harmless(styled(question).plain)).strip()
     if not sys.stdin.isatty():
         sys.stdout.write(one_line(answer) + "\n")
@@ -296,10 +287,7 @@ def percentage(share: float | None, *, bar: bool) -> Text:
 
 @contextmanager
 def progress(title: str, total: int | None) -> Iterator[Advance]:
-    """Progress on stderr with done/total and time left, which vanishes when done; log files get a line now and then.
-
-    total: None if it is not known beforehand.
-    """
+    """Progress on stderr, which vanishes when done; log files get a line now and then. total: None if unknown."""
     began, console = time.monotonic(), diagnostics()
     if verbosity.get() is Verbosity.QUIET:
         yield lambda count=1: None  # noqa: ARG005 - nobody is shown it

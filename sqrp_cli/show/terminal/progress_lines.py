@@ -30,10 +30,7 @@ verbosity: ContextVar[Verbosity] = ContextVar("verbosity", default=Verbosity.NOR
 
 @contextmanager
 def progress_lines(title: str, total: int | None, write: Callable[[str], None]) -> Iterator[Advance]:
-    """Write a line about a step now and then while it goes on; yields what counts the parts that are done.
-
-    total: of the parts; None if it is not known beforehand.
-    """
+    """Write a line about a long step now and then; yields what counts parts that are done. total: None if unknown."""
     done, ended = 0, threading.Event()
     began = latest = time.monotonic()
 

@@ -93,10 +93,7 @@ def live_view(
 
 
 def print_finished(tasks: Sequence[str], events: Sequence[Event], workspace: str, *, quiet: bool = False) -> str:
-    """Print which steps of a run that was interrupted are finished, and what happened; returns how far it has come.
-
-    tasks: what each of its steps does, in short. quiet: to print nothing.
-    """
+    """Print what an interrupted run had done, unless quiet; returns how far it was. tasks: of its steps, in short."""
     ends: list[float] = []
     for event in events:
         if event.event == "step" and event.number > len(ends) + 1:  # the one before is done
@@ -231,12 +228,7 @@ def _fact(atom: str, index: int, says: Sequence[Mapping[str, str]], *, numbered:
 
 
 def print_disagreements(found: Sequence[Disagreement], says: Sequence[Mapping[str, str]]) -> None:
-    """Where predictions were wrong: stretches of images of a camera, the overconfident ones first.
-
-    Not among them are images that were not counted on but mostly show it.
-
-    says: of each step, see reports.
-    """
+    """Where predictions were wrong, the overconfident first; no images that were not counted on. says: see reports."""
     groups: dict[tuple[bool, int, str, str, str], list[Disagreement]] = {}
     for one in found:
         if not one.usual:

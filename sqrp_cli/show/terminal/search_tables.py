@@ -46,10 +46,7 @@ def _figures_of(one: AdvisedFigures | Figures | ScoredVariant) -> list[Styled]:
 
 
 def print_advice(found: AdviceDocument, *, written: bool = False) -> None:
-    """What to do and what it costs, the table with a row for each change that meets the goal, and details.
-
-    written: whether a change was written to a file.
-    """
+    """What to do, what it costs, each change that meets the goal, and details. written: whether one is in a file."""
     command = _conclude(found, written=written)
     way = "in the way that is found first" if found.starts_fastest else "as rank does it"
     wanted = f" in {found.workspace}; wanted of {found.candidate} {way}: {found.want}"

@@ -53,10 +53,7 @@ NOT_REQUIRED = ("·", "dim")  # sign where no formula requires a literal
 
 
 def print_explanation(found: Explanation) -> None:
-    """What a candidate means and where it is not seen, its timeline, the totals of its causes, and their accuracy.
-
-    For an infeasible candidate, the reasons.
-    """
+    """What a candidate means and where it is not seen: timeline, causes, accuracy; of an infeasible one the reasons."""
     title = found.name if found.step is None else f"Step {found.step} of {found.of_steps}, {found.task}"
     if found.sampling is None:
         say(f"{title} cannot be done:")
@@ -126,10 +123,7 @@ def _accuracy(done: SamplingDone, found: Sequence[CandidateResult]) -> str:
 
 
 def _print_unseen(found: Explanation, says: Mapping[str, str]) -> None:
-    """For how long each camera does not see each fact, and why; cameras that never see it share a row.
-
-    says: the facts in words, by atom.
-    """
+    """For how long each camera does not see each fact, and why; those that never see it share a row. says: in words."""
     rows: list[tuple[str, str, str, str]] = []
     for atom, facts in groupby(found.unseen_times, key=lambda one: one.literal):
         lost, kinds = dict[str, Counter[str]](), dict[str, dict[str, None]]()
