@@ -98,7 +98,7 @@ def moved(workspace: Workspace, move: Move) -> Workspace:
 
 
 def aim(workspace: Workspace, camera: Camera) -> Array:
-    """The point that a camera looks at, or 1 m ahead [m], over its upward direction, in the frame of its pose, (2, 3)."""
+    """The point that a camera looks at, or 1 m ahead [m], over what is up for it, in the frame of its pose, (2, 3)."""
     stated, X_FC = stated_look_at(workspace, camera.name), camera.X_FC
     return np.array([X_FC[:3, 3] + X_FC[:3, 2], -X_FC[:3, 1]]) if stated is None else stated
 
