@@ -16,6 +16,7 @@ from sqrp_cli.logic.domain import Condition, Domain
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.logic.planning_task import (
     BUDGET,
+    NEVER,
     Budget,
     GaveUp,
     GroundAction,
@@ -65,16 +66,9 @@ def find_plan(
         task = planning_task(domain, objects, facts, goal, binding, budget)
         if task.goal.holds(task.initial):
             return ()
-        search = _Search(task, budget)
-        # The literals of the relaxed problem, in which nothing becomes false; no others are reachable.
-        reachable, waiting, before = task.initial, list(task.actions), -1
-        while reachable != before:
-            before = reachable
-            search.try_actions(len(waiting))
-            for action in waiting:
-                if action.need.holds(before):
-                    reachable |= action.gains
-            waiting = [action for action in waiting if not action.need.holds(before)]
+        search = _Search(task, budget, task.actions)
+        layers, _ = search.relaxed(task.initial, NEVER)
+        reachable = layers[-1]  # no other literals are
     except GaveUp as gave_up:
         return gave_up
     never = [part for part, need in task.goal_parts if not need.holds(reachable)]
@@ -183,7 +177,15 @@ class _Search:
         if self.states >= self.budget.states:
             raise GaveUp(f"{self.states:,} states")
         self.states += 1
-        layers, new_actions = [state], []
+        layers, new_actions = self.relaxed(state, goal)
+        return _extract(goal, layers, new_actions) if goal.holds(layers[-1]) else None
+
+    def relaxed(self, state: int, goal: Need) -> tuple[list[int], list[list[GroundAction]]]:
+        """Literals after 0, 1, ... rounds in which nothing becomes false, until the goal holds or none of them is new.
+
+        And the actions that became applicable in each round.
+        """
+        layers, new_actions = [state], list[list[GroundAction]]()
         waiting: Sequence[GroundAction] = self.actions
         while not goal.holds(layers[-1]):
             literals = layers[-1]
@@ -200,17 +202,14 @@ class _Search:
             for action in applicable:
                 literals |= action.gains
             if literals == layers[-1]:
-                return None
+                break
             layers.append(literals)
             new_actions.append(applicable)
-        return _extract(goal, layers, new_actions)
+        return layers, new_actions
 
 
 def _extract(goal: Need, layers: list[int], new_actions: list[list[GroundAction]]) -> _Estimate:
-    """A relaxed plan, backwards from the goal.
-
-    layers: literals after 0, 1, ... rounds of relaxed actions. new_actions: those that became applicable in each layer.
-    """
+    """A relaxed plan, backwards from the goal, by what `_Search.relaxed` gives."""
 
     def chosen(need: Need) -> int:
         """The literals that satisfy a condition earliest: its own, and those of the easiest alternatives."""

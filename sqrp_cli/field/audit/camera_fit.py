@@ -99,8 +99,7 @@ class SeenEdges:
         camera = projection.camera
         reach, size = float(np.clip(TURN * camera.matrix[0, 0], LEAST_REACH, MOST_REACH)), [camera.width, camera.height]
         steps = np.arange(-reach, reach + GRAIN / 2, GRAIN)
-        names = ("points", "speeds", "levers", "body", "owner", "freedom", "R_CW")
-        found: list[tuple[Array, ...]] = []
+        found: list[dict[str, Array]] = []
         for edges, image in images:
             (pixels, inside), (beside, _) = projection.pixels(edges["points"]), projection.pixels(edges["beside"])
             normals = beside - pixels
@@ -114,27 +113,20 @@ class SeenEdges:
             values = cv2.remap(gray, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             outside = (x < 1) | (x > size[0] - 2) | (y < 1) | (y > size[1] - 2)
             contrast = np.where(outside, 0.0, np.abs(np.gradient(values, GRAIN, axis=1)))
-            found.append((*(edges[name][kept] for name in names), pixels, normals, contrast))
+            seen = {"pixels": pixels, "normals": normals, "contrast": contrast}
+            found.append({name: points[kept] for name, points in edges.items() if name != "beside"} | seen)
         if not found:
             return None
-        points, speeds, levers, body, owner, freedom, R_CW, pixels, normals, contrast = map(
-            np.concatenate, zip(*found, strict=True)
-        )
+        known = {name: np.concatenate([one[name] for one in found]) for name in found[0]}
+        owner, freedom = known.pop("owner"), known.pop("freedom")
         objects, first = np.unique(owner[owner >= 0], return_index=True)
         return cls(
             projection=projection,
-            points=points,
-            speeds=speeds,
-            levers=levers,
-            body=body,
-            pixels=pixels,
-            normals=normals,
-            contrast=contrast,
-            R_CW=R_CW,
+            **known,
             alike=np.where(owner >= 0, ALIKE * len(found), ALIKE),
             owned=owner[:, None] == objects,
             deviations=np.array([*PRIOR, FRINGE, *freedom[owner >= 0][first].ravel()]),
-            reach=(contrast.shape[1] - 1) * GRAIN / 2,
+            reach=(len(steps) - 1) * GRAIN / 2,
         )
 
     def away(self, change: Array) -> Array:
