@@ -34,7 +34,7 @@ from sqrp_cli.search.sites import (
     ways_to_choose,
 )
 from sqrp_cli.study.analysis import Observed, all_observed
-from sqrp_cli.study.fault_sights import least_fault_delays
+from sqrp_cli.study.drop_detection import least_delays
 from sqrp_cli.study.find import Plans, TimeLimit
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
@@ -155,7 +155,7 @@ class VisibilityTable:
                 response = min((camera.response for camera in cameras), default=0.0)
                 for start in range(0, len(cameras), _TOGETHER):
                     some = replace(observer, cameras=tuple(cameras[start : start + _TOGETHER]))
-                    delays[start : start + _TOGETHER] = least_fault_delays(way.planned, some, response)
+                    delays[start : start + _TOGETHER] = least_delays(way.planned, some, response)
             self._least_delays.append(delays)
 
     def problem(self, failure_tolerance: int) -> Problem:

@@ -232,12 +232,11 @@ def with_delays(cell: Cell, observed: Sequence[Observed], sampling: Sampling) ->
             done.append(one)
             continue
         planned, observer = one.planned, cell.observer
-        stage, formulas, targets = planned.stage, planned.formulas, {target.atom: target for target in planned.targets}
-        literals = pieces.fault_literals(formulas)
+        formulas, literals = planned.formulas, pieces.fault_literals(planned.formulas)
         intervals = {fault: pieces.fault_intervals(formulas, fault) for fault in literals}
         first = min((spans[0].start for spans in intervals.values()), default=planned.motion.time)
         onsets = {
-            fault: tuple(onset(stage, observer, literals[fault], targets, span) for span in spans)
+            fault: tuple(onset(planned, observer, literals[fault], span) for span in spans)
             for fault, spans in intervals.items()
         }
         for fault, start in planned.since.items():  # what happens before images can tell it is shown once they can

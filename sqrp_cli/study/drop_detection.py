@@ -41,6 +41,8 @@ from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import SoughtBox, Target
 from sqrp_cli.skill.target_box import object_of
 from sqrp_cli.study.stage import Stage
+from sqrp_cli.study.timeline import PlannedMotion
+from sqrp_cli.task.pieces import fault_intervals, fault_literals
 
 
 class DropRule(NamedTuple):
@@ -166,18 +168,13 @@ class SeenOffset(NamedTuple):
         return rule.inside * self.length - self.across
 
 
-def onset(
-    stage: Stage,
-    observer: Observer,
-    literals: Sequence[Literal],
-    targets: Mapping[Atom, Target],
-    interval: TimeInterval,
-) -> Onset:
-    """From when on images show a fault that becomes true at a time of an interval.
+def onset(planned: PlannedMotion, observer: Observer, literals: Sequence[Literal], interval: TimeInterval) -> Onset:
+    """From when on images show a fault of these literals that becomes true at a time of an interval.
 
-    literals: of the fault, with the target of each. Where the tool loses nothing in it, images show it at once.
+    Where the tool loses nothing in it, images show it at once.
     """
-    found = _shown(stage, observer, literals, targets, interval, of_one_cell=True)
+    stage = planned.stage
+    found = _shown(planned, observer, literals, interval, of_one_cell=True)
     if found is None or not observer.cameras:
         return Onset.at_once(interval.start, interval.end)
     fingers, closing = stage.model.fingers, 0.0  # how long they take to close behind what they lose [s]
@@ -196,33 +193,28 @@ def onset(
     return DropOnset(surely.x, surely.shown, np.minimum(usually.shown, surely.shown), drops=found)
 
 
-def least_delays(
-    stage: Stage,
-    observer: Observer,
-    literals: Sequence[Literal],
-    targets: Mapping[Atom, Target],
-    interval: TimeInterval,
-    response: float,
-) -> Array:
-    """What the longest delay of a fault is at least, with each camera and whichever others, shape (cameras,) [s].
+def least_delays(planned: PlannedMotion, observer: Observer, response: float) -> Array:
+    """What the longest delay of any fault is at least, with each camera and whichever others, shape (cameras,) [s].
 
     As the slowest of the cameras that may judge a part tells when it is shown, others make no camera faster.
     At some phase the image that shows it is known one response later. See `onset`.
 
     response: the shortest of all cameras [s].
     """
-    found = _shown(stage, observer, literals, targets, interval, of_one_cell=False)
-    if found is None:
-        return np.full(len(observer.cameras), response)
-    alone = [_between(found.x, surely, interval) for surely in found.each]
-    return np.array([(one.shown - one.x + response).max() for one in alone])
+    longest = np.zeros(len(observer.cameras))
+    for fault, literals in fault_literals(planned.formulas).items():
+        for interval in fault_intervals(planned.formulas, fault):
+            found = _shown(planned, observer, literals, interval, of_one_cell=False)
+            alone = [] if found is None else [_between(found.x, surely, interval) for surely in found.each]
+            delays = [(one.shown - one.x + response).max() for one in alone]
+            longest = np.maximum(longest, response if found is None else delays)
+    return longest
 
 
 def _shown(
-    stage: Stage,
+    planned: PlannedMotion,
     observer: Observer,
     literals: Sequence[Literal],
-    targets: Mapping[Atom, Target],
     interval: TimeInterval,
     *,
     of_one_cell: bool,
@@ -231,6 +223,7 @@ def _shown(
 
     of_one_cell: whether the cameras contradict each other; else each is looked at as if it were alone.
     """
+    stage, targets = planned.stage, {target.atom: target for target in planned.targets}
     name = held_in(stage, interval)
     if name is None or interval.length <= 0.0:
         return None

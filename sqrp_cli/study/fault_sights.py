@@ -21,7 +21,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.sight.targets import Target
 from sqrp_cli.skill.target_box import object_of
-from sqrp_cli.study.drop_detection import held_in, least_delays
+from sqrp_cli.study.drop_detection import held_in
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.stage import Stage
 from sqrp_cli.study.timeline import ObservationRequest, PlannedMotion, Timeline, observe
@@ -187,15 +187,3 @@ def distinguishing(target: Target, literal: Literal, objects: Mapping[str, Array
         return (target,)
     with_object = [box for box in target.boxes if object_of(str(target.atom), box, objects) is not None]
     return tuple(replace(target, boxes=(box,)) for box in with_object or target.boxes)
-
-
-def least_fault_delays(planned: PlannedMotion, observer: Observer, response: float) -> Array:
-    """What the longest delay of any fault is at least with each camera, see `drop_detection.least_delays`."""
-    targets = {target.atom: target for target in planned.targets}
-    found = [
-        least_delays(planned.stage, observer, literals, targets, interval, response)
-        for fault, literals in fault_literals(planned.formulas).items()
-        for interval in fault_intervals(planned.formulas, fault)
-    ]
-    longest: Array = np.max([np.zeros(len(observer.cameras)), *found], axis=0)
-    return longest

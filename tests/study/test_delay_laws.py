@@ -17,7 +17,7 @@ from sqrp_cli.geometry import pose
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.study import drop_detection
 from sqrp_cli.study.analysis import Analysis, analysed
-from sqrp_cli.study.fault_sights import least_fault_delays
+from sqrp_cli.study.drop_detection import least_delays
 from sqrp_cli.study.find import WantedWay, find_way
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.whole_analysis import WholeAnalysis, whole_analysis
@@ -124,12 +124,12 @@ def test_no_delay_is_shorter_than_each_camera_needs_by_itself(studied: tuple[Cel
     """`place` looks at many cameras together of which few are chosen, of several rates."""
     observer, response = studied[0].observer, min(camera.response for camera in studied[0].observer.cameras)
     for analysis in studied[1][:2]:
-        least = least_fault_delays(analysis.planned, observer, response)
+        least = least_delays(analysis.planned, observer, response)
         worst = max(inf if one.delay_worst is None else one.delay_worst for one in figures(analysis).values())
         assert worst >= least.max() - 1e-9
         for camera, known in zip(observer.cameras, least, strict=True):
             with_slow = replace(observer, cameras=(camera, replace(camera, rate=0.5)))
-            assert least_fault_delays(analysis.planned, with_slow, response)[0] == pytest.approx(known, abs=1e-9)
+            assert least_delays(analysis.planned, with_slow, response)[0] == pytest.approx(known, abs=1e-9)
 
 
 def test_what_is_dropped_falls_onto_the_table_or_what_stands_there(

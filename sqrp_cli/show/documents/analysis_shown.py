@@ -33,13 +33,12 @@ from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import Observer, first_failing
 from sqrp_cli.skill.target_box import fact_words
 from sqrp_cli.study.analysis import Analysis
-from sqrp_cli.study.blind_spans import cause_totals, coverage_by_phase
+from sqrp_cli.study.blind_spans import cause_totals, coverage_by_phase, free_views
 from sqrp_cli.study.in_the_way import HiddenViews, hidden_views, in_the_way, to_move
 from sqrp_cli.study.pipeline import sampling_done
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.robustness import Expectation, expectation, without_each_camera
 from sqrp_cli.study.sampling import Sampling
-from sqrp_cli.study.windows import free_views
 
 
 def analysis_shown(
