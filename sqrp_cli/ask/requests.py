@@ -315,11 +315,6 @@ class RunRequest(Request):
     witnessed: bool = value(values.flag, default=True)
     """Whether the events have the true poses, for a page; a log always has them."""
 
-    def written(self, page: Path | None = None) -> dict[str, Path | None]:
-        """The files and folders to write, each by what messages call it. page: of the run, too."""
-        files = {self.called(name): getattr(self, name) for name in ("film", "log", "frames")}
-        return {**files, "--report" if self.by_words else "path": page}
-
     @property
     def is_recording(self) -> bool:
         """Whether the film's name is that of a recording for ROS tools."""
@@ -327,9 +322,9 @@ class RunRequest(Request):
 
         return self.film is not None and self.film.suffix.lower() in SUFFIXES
 
-    def check_names(self, page: Path | None = None) -> None:
-        """Raises InputError for a name that no film can have, and where two outputs have the same."""
-        from sqrp_cli.platform.files import check_distinct
+    def check_outputs(self, inputs: Iterable[Path | None], page: Path | None = None) -> None:
+        """Raises InputError for a name that no film can have, and where an output is also another one or an input."""
+        from sqrp_cli.platform.files import check_distinct, check_not_read
 
         if self.film is not None and not self.is_recording:
             found = f"{self.called('film')} is `{self.film}`"
@@ -338,13 +333,10 @@ class RunRequest(Request):
                 raise bad_option(f"{found}; {expected}")
             if str(self.film) != str(self.film).encode(errors="ignore").decode():
                 raise bad_option(f"{found}, which is not UTF-8 text; films are written by a library that needs it")
-        check_distinct(self.written(page))
-
-    def check_not_read(self, inputs: Iterable[Path | None], page: Path | None = None) -> None:
-        """Raises InputError where a file to write is also an input; a folder of frames is new or empty."""
-        from sqrp_cli.platform.files import check_not_read
-
-        check_not_read([one for name, one in self.written(page).items() if name != self.called("frames")], inputs)
+        written = {self.called(name): getattr(self, name) for name in ("film", "log", "frames")}
+        written["--report" if self.by_words else "path"] = page
+        check_distinct(written)
+        check_not_read(written.values(), inputs)
 
 
 class AuditRequest(Request):

@@ -259,10 +259,9 @@ class OpenProgram:
         from sqrp_cli.run.record.events import event
         from sqrp_cli.run.record.log import written_log
 
-        ask.check_names()
+        ask.check_outputs(self.files)
         workspace = self.workspace
         injected = self.read_faults(ask.faults, ask.called("faults"))
-        ask.check_not_read(self.files)
         if elsewhere is None:
             check_simulator()
         from sqrp_cli.run.run import Recording

@@ -43,6 +43,5 @@ class SimulatedRun(RunReport):
 
         file = values.path.read(path, "path")
         values.texts("the words of a command, in a list").read(arguments, "arguments")
-        self.asked.check_names(file)
-        self.asked.check_not_read(self.inputs, file)
+        self.asked.check_outputs(self.inputs, file)
         write_run(self.began, self, self.events, file, arguments, self.drawn, self.why_flat)

@@ -85,9 +85,7 @@ class Session:
     def ranking(self, found: Sequence[CandidateResult], ask: RankRequest, *, interrupted: bool = False) -> Ranking:
         """What is found of the candidates, ranked; interrupted: whether some are missing."""
         job = self.job
-        drawn = None
-        if job.calibration is not None:
-            drawn = recalibrated(found, ask.by, job.calibration)
+        drawn = None if job.calibration is None else recalibrated(found, ask.by, job.calibration)
         ranked = list(rank(found, ask.by))
         place = sum(one.feasible for one in ranked) - 1
         if place >= 0 and not job.verdicts:

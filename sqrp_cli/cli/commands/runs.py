@@ -87,7 +87,7 @@ def _run(
     check_needed("--robot", robot, {"--dry-run": dry_run, "--yes": yes, "--speed": speed})
     if robot is not None:
         check_excluded("--robot", {"--sim": sim, **about, "--replay": replayed})
-    ask.check_names(report)
+    ask.check_outputs((), report)
     check_outputs({"--record": ask.film, "--log": ask.log, "--report": report})
     if replayed is not None:
         return _replay(replayed, program, report, as_json=json)
@@ -100,7 +100,7 @@ def _run(
     if robot is not None and json and not dry_run and not yes:
         raise bad_option("--json leaves no room for a question; add --yes, or --dry-run")
     opened = read_program(program, seed)
-    ask.check_not_read([*opened.files, robot], report)
+    ask.check_outputs([*opened.files, robot], report)
     if robot is not None:
         print_problems(opened.warnings)
         found = _run_on_robot(opened, robot, speed or 1.0, ask, agreed=dry_run or yes, moves=not dry_run, as_json=json)
