@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable
 from contextvars import ContextVar
 from pathlib import Path
@@ -87,7 +88,7 @@ class ParsedCommand(TyperCommand):
         a path is expected, which would be the current folder.
         """
         params: list[Any] = self.get_params(ctx)
-        alone = [one.opts[0] for one in params if (one.metavar or "").startswith("[")]
+        alone = [one.opts[0] for one in params if re.fullmatch(r"\[.*\]", one.metavar or "")]
         for place in [place for place, word in enumerate(args, 1) if word in alone][::-1]:
             following = "".join(args[place : place + 1])
             if not following or following.startswith("-") or " " in following or Path(following).exists():

@@ -8,7 +8,6 @@ import errno
 import fcntl
 import json
 import os
-import resource
 import shutil
 import signal
 import subprocess
@@ -16,14 +15,10 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import sqrp_cli
 from sqrp_cli.cli.streams import _LOOK_ALIKES
-from sqrp_cli.errors import InputError
-from sqrp_cli.run.image import CameraImage
-from sqrp_cli.run.record.images import ImageRecorder
 from tests.cells import command_lines
 
 PACKAGE = Path(sqrp_cli.__file__).parent
@@ -82,19 +77,6 @@ def test_no_error_of_the_system_looks_like_an_answer_or_an_interruption(sqrp, wa
     assert words in outcome.err
     assert outcome.err.count("\n") == 1
     assert "output" not in outcome.err
-
-
-def test_an_image_is_named(tmp_path):
-    noise = np.random.default_rng(0).integers(0, 255, (480, 640, 3), dtype=np.uint8)
-    recorder, usual = ImageRecorder(tmp_path / "frames", None), resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, usual[1]))
-    try:
-        with pytest.raises(InputError) as caught:
-            recorder.add(CameraImage("cam1", 0.0, noise), 1, 0.0, "")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
-    image = tmp_path / "frames" / "cam1-000000.png"
-    assert str(caught.value) == f"{image}: this file cannot be written: File too large"
 
 
 SHARED = "/dev/shm/"  # noqa: S108 - only looked at
