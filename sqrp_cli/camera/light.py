@@ -128,6 +128,11 @@ MARKER: Brightness = (0.2, inf)
 """Of the white of a marker: with less, black and white differ too little for a threshold. Black stays black."""
 
 
+def paint_of(color: str | None) -> Rgb:
+    """What simulations and recordings paint something with; of a colour that has no name here, one without a hue."""
+    return COLORS.get((color or "").lower(), (0.75, 0.74, 0.72))
+
+
 @cache
 def brightness_of(color: str | None) -> Brightness:
     """In which light a paint has the hue and saturation that a detector looks for; any for one without a hue."""

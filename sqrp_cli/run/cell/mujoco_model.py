@@ -12,7 +12,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from sqrp_cli.camera.light import COLORS, Rgb
+from sqrp_cli.camera.light import COLORS, Rgb, paint_of
 from sqrp_cli.camera.markers import DICTIONARIES, Marker, opencv_name
 from sqrp_cli.cell.mesh import read_mesh
 from sqrp_cli.cell.scene import FLOOR_DEPTH
@@ -52,8 +52,7 @@ DRAWN, FELT = 0, 3
 """Groups of geoms: those that cameras see, and those that only collide."""
 _ROBOT_COLOR: Rgb = (0.16, 0.16, 0.17)
 _FLOOR_COLOR: Rgb = (0.36, 0.35, 0.34)
-_PLAIN_COLOR: Rgb = (0.75, 0.74, 0.72)
-"""Of objects whose colour has no name here; like the two above without a hue that a detector looks for."""
+"""Without a hue that a detector looks for."""
 SHADOWS_AROUND = 1.5
 """How far around arm and objects stated lights cast shadows: more than an arm's length [m]."""
 _SHADOW_PIXELS = 4096
@@ -102,10 +101,9 @@ def build_model(workspace: Workspace, objects: Mapping[str, Array]) -> mujoco.Mj
     for name, X_WO in objects.items():
         obj = workspace.objects[name]
         body = spec.worldbody.add_body(name=name, pos=X_WO[:3, 3], quat=quaternion(X_WO))
-        color = COLORS.get((obj.color or "").lower(), _PLAIN_COLOR)
         for part in obj.parts:
-            _add_part(spec, body, part, color)
-            _add_part(spec, body, part, color, (_FIXED if obj.fixed else _MOVABLE, DENSITY))
+            _add_part(spec, body, part, paint_of(obj.color))
+            _add_part(spec, body, part, paint_of(obj.color), (_FIXED if obj.fixed else _MOVABLE, DENSITY))
         if obj.printed_marker is not None:
             _add_marker(spec, body, obj.printed_marker, pose(position=(0.0, 0.0, obj.size[2] / 2)))
         if obj.fixed:

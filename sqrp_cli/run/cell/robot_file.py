@@ -148,40 +148,37 @@ def read_robot_file(path: Path, workspace: Workspace, program: Program) -> Robot
         message = f"this is {other}, expected a file that says how to reach a robot"
         raise bad_input("wrong-type", message, Place(path), mend="see what it holds: sqrp schema robot")
     file = validate(document, RobotFile)
-    wrong: list[tuple[str, tuple[str, ...], str, str | None]] = []  # code, keys, message and mend of each problem
+    problems: list[Problem] = []
+
+    def wrong(code: str, message: str, *keys: str, mend: str | None = None) -> None:
+        problems.append(Problem(code, message, document.key_place(keys), mend=mend))
+
     # `joints` names every joint that trajectories move, but fingers may be left to the tool.
     cameras, joints, fingers = workspace.cameras, file.joints, workspace.robot.fingers
     for name in file.cameras:
         if name not in cameras:
-            message = f"there is no camera `{name}`; {expected_names(name, cameras)}"
-            wrong.append(("unknown-camera", ("cameras", name), message, None))
-    if missing := [name for name in cameras if name not in file.cameras]:
-        names = ", ".join(f"`{name}`" for name in missing)
-        wrong.append(("missing-key", ("cameras",), f"`cameras` lacks {names} of the workspace", None))
+            wrong("unknown-camera", f"there is no camera `{name}`; {expected_names(name, cameras)}", "cameras", name)
+    if missing := [f"`{name}`" for name in cameras if name not in file.cameras]:
+        wrong("missing-key", f"`cameras` lacks {', '.join(missing)} of the workspace", "cameras")
     for name in joints or ():
         if name not in program.joints:
             message = f"the program has no joint `{name}`; {expected_names(name, program.joints)}"
-            wrong.append(("unknown-joint", ("joints", name), message, None))
-    named = program.joints if joints is None else joints
-    if left_out := [n for n in program.joints if n not in named and (fingers is None or n not in fingers.open)]:
-        names = ", ".join(f"`{name}`" for name in left_out)
-        wrong.append(("missing-key", ("joints",), f"`joints` lacks {names}, which the program moves", None))
+            wrong("unknown-joint", message, "joints", name)
+    movable = [name for name in program.joints if fingers is None or name not in fingers.open]
+    if joints is not None and (left_out := [f"`{name}`" for name in movable if name not in joints]):
+        wrong("missing-key", f"`joints` lacks {', '.join(left_out)}, which the program moves", "joints")
     for wire, count in Counter((joints or {}).values()).items():
         if count > 1:
-            wrong.append(
-                ("duplicate-name", ("joints",), f"`joints`: {count} joints are called `{wire}` in messages", None)
-            )
+            wrong("duplicate-name", f"`joints`: {count} joints are called `{wire}` in messages", "joints")
     primitives = [primitive for step in program.steps for primitive in step.primitives]
     if file.tool is None and any(one.action in ("Grasp", "Release") for one in primitives):
         message = "the program grasps, but the file has no `tool` that can be told to"
-        wrong.append(("missing-key", (), message, "tool: {topic: /suction}"))
+        wrong("missing-key", message, mend="tool: {topic: /suction}")
     if file.force is None and any(one.guard is not None for one in primitives):
         message = "the program has moves that end at contact, but the file has no topic of a `force` sensor"
-        wrong.append(("missing-key", (), message, "force: /wrench"))
-    if wrong:
-        raise InputError(
-            *(Problem(code, text, document.key_place(keys), mend=mend) for code, keys, text, mend in wrong)
-        )
+        wrong("missing-key", message, mend="force: /wrench")
+    if problems:
+        raise InputError(*problems)
     return file
 
 

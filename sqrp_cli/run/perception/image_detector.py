@@ -43,6 +43,8 @@ from sqrp_cli.skill.target_box import TargetBox
 ANSWER_WITHIN = 20.0
 """A process that takes longer than this for an image [s] counts as crashed."""
 _ANSWER = bool | np.bool_ | None
+Asked: TypeAlias = tuple[str, TargetBox]
+"""A box to look at, after the atom that it decides."""
 
 
 class ImageDetector:
@@ -90,27 +92,25 @@ class ImageDetector:
             background.learn(view.image, dilated(robot | view.sought_mask(), 3))
         boxes: dict[str, list[BoxDetection]] = {atom: [] for atom in view.sought.targets}
         places: dict[str, Array] = {}
-        by_object: dict[str, list[tuple[str, TargetBox]]] = {}
-        asked: dict[str, list[tuple[str, TargetBox]]] = {kind: [] for kind in self._plugins}
+        # By the kind of a detector and, for our own, the object. Those of packages get every image, asked or not.
+        together: dict[tuple[str, str], list[Asked]] = {(kind, ""): [] for kind in self._plugins}
         for atom, box in view.boxes:
             obj, kind = view.object_of(atom, box), view.cell.detectors[box.detector].kind
-            if kind in asked:
-                asked[kind].append((atom, box))
+            if kind in self._plugins:
+                together[kind, ""].append((atom, box))
             elif kind == "aruco":
                 boxes[atom].append(marker_detection(view, background, atom, box))
             elif obj is None or obj.color is None:
                 boxes[atom].append(BoxDetection(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE))
             else:
-                by_object.setdefault(obj.name, []).append((atom, box))
-        for name, wanted in by_object.items():
-            told, position = color_detections(view, background, view.cell.objects[name], [box for _, box in wanted])
-            for (atom, _), found in zip(wanted, told, strict=True):
-                boxes[atom].append(found)
-            if position is not None:
-                places[name] = position
-        for kind, wanted in asked.items():
-            told = plugin_detections(kind, self._plugins[kind], view, wanted)
-            for (atom, _), found in zip(wanted, told, strict=True):
+                together.setdefault(("color", obj.name), []).append((atom, box))
+        for (kind, name), asked in together.items():
+            if kind in self._plugins:
+                told = plugin_detections(kind, self._plugins[kind], view, asked)
+            else:
+                told, position = color_detections(view, background, view.cell.objects[name], [box for _, box in asked])
+                places |= {} if position is None else {name: position}
+            for (atom, _), found in zip(asked, told, strict=True):
                 boxes[atom].append(found)
         seen = {atom: tuple(sights) for atom, sights in boxes.items()}
         return Detection(frame.camera, frame.t, False, seen, places, time.process_time() - began)
@@ -120,44 +120,38 @@ def plugin_detections(
     kind: str,
     plugin: Any,  # noqa: ANN401 - of any class
     view: ExpectedView,
-    asked: Sequence[tuple[str, TargetBox]],
+    asked: Sequence[Asked],
 ) -> list[BoxDetection]:
     """What a detector of an installed package sees of some boxes, each with its atom.
 
     Raises SqrpError where the package's code fails.
     """
-    questions = list[BoxQuestion | None]()  # None: the box is not in the image
-    for atom, box in asked:
+    questions: dict[int, BoxQuestion] = {}  # by the index of the box, of those that are in the image
+    for index, (atom, box) in enumerate(asked):
         outline, obj = view.outline(view.pose(box), box.size), view.object_of(atom, box)
-        if outline is None or view.crop(outline.polygon, 0) is None:
-            questions.append(None)
-            continue
-        robot = pieces_mask(view.whole, view.robot, outline, without=box.encloses)
-        question = BoxQuestion(
-            atom=atom,
-            box=box.name,
-            object=None if obj is None else obj.name,
-            color=None if obj is None else obj.color,
-            marker=view.marker(atom, box),
-            size=box.size,
-            X_CB=inverse(view.X_WC) @ view.pose(box),
-            outline=outline.polygon,
-            clear=filled(view.whole, [outline.corners]) & ~robot,
-        )
-        questions.append(question)
-    put = [question for question in questions if question is not None]
+        if outline is not None and view.crop(outline.polygon, 0) is not None:
+            robot = pieces_mask(view.whole, view.robot, outline, without=box.encloses)
+            questions[index] = BoxQuestion(
+                atom=atom,
+                box=box.name,
+                object=None if obj is None else obj.name,
+                color=None if obj is None else obj.color,
+                marker=view.marker(atom, box),
+                size=box.size,
+                X_CB=inverse(view.X_WC) @ view.pose(box),
+                outline=outline.polygon,
+                clear=filled(view.whole, [outline.corners]) & ~robot,
+            )
     with plugin_errors(kind, "failed"):
-        said: object = plugin.look(view.image.copy(), put)
+        said: object = plugin.look(view.image.copy(), list(questions.values()))
         answers = list(said) if isinstance(said, Sequence | np.ndarray) else None
-        if answers is None or len(answers) != len(put) or not all(isinstance(one, _ANSWER) for one in answers):
-            problem = f"answered {len(put)} questions with {said!r:.80}"
+        if answers is None or len(answers) != len(questions) or not all(isinstance(one, _ANSWER) for one in answers):
+            problem = f"answered {len(questions)} questions with {said!r:.80}"
             raise SqrpError(f"{problem}; expected one True, False or None for each")
-    left, found = iter(answers), list[BoxDetection]()
-    for (_, box), asked_of in zip(asked, questions, strict=True):
-        answer = None if asked_of is None else next(left)
+    found = [BoxDetection(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE) for _, box in asked]
+    for (index, question), answer in zip(questions.items(), answers, strict=True):
         evidence = Truth.UNKNOWN if answer is None else Truth.TRUE if answer else Truth.FALSE
-        polygon = NO_OUTLINE if asked_of is None else asked_of.outline
-        found.append(BoxDetection(box.name, evidence, float(evidence is not Truth.UNKNOWN), polygon))
+        found[index] = BoxDetection(question.box, evidence, float(answer is not None), question.outline)
     return found
 
 

@@ -1,17 +1,6 @@
 """Keeps a run as a recording that ROS tools show: images, joints, frames, objects, boxes and verdicts.
 
-| topic | type | what |
-|---|---|---|
-| `/joint_states` | `sensor_msgs/JointState` | every movable joint |
-| `/tf`, `/tf_static` | `tf2_msgs/TFMessage` | `world`, the links of robot and tool, the optical frames of the cameras |
-| `/robot_description` | `std_msgs/String` | robot and tool as one URDF |
-| `/CAMERA/image_raw/compressed` | `sensor_msgs/CompressedImage` | its images, as JPEG |
-| `/CAMERA/camera_info` | `sensor_msgs/CameraInfo` | its intrinsics |
-| `/objects` | `visualization_msgs/MarkerArray` | the objects of the cell where they are |
-| `/boxes` | `visualization_msgs/MarkerArray` | where images are judged: green true, blue false, red blind |
-| `/verdicts` | `diagnostic_msgs/DiagnosticArray` | the value of each literal, and what each camera shows |
-| `/as_planned` | `std_msgs/Bool` | whether images from then on are of the plan; told when it changes |
-| `/rosout` | `rcl_interfaces/Log`, in ROS 1 `rosgraph_msgs/Log` | what happens, in words |
+docs/howto/run.md lists its topics.
 """
 
 from __future__ import annotations
@@ -21,7 +10,7 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 
 from sqrp_cli.camera.camera import Camera
-from sqrp_cli.camera.light import COLORS, Rgb
+from sqrp_cli.camera.light import Rgb, paint_of
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.files.frames import WORLD, WORLD_LINK
 from sqrp_cli.geometry import Array, inverse, matrix_to_rpy, pose, quaternion_to_matrix
@@ -39,7 +28,6 @@ AS_PLANNED = "/as_planned"
 """The topic that says whether everything goes as the program says."""
 EPOCH = 1_000_000_000
 """What a clock of a recording says when the run's says 0 [s]: ROS takes a time of 0 for none."""
-_PLAIN = (0.75, 0.74, 0.72)
 _SHOWN = {Truth.TRUE: (0.2, 0.9, 0.2), Truth.FALSE: (0.3, 0.6, 1.0), Truth.UNKNOWN: (0.95, 0.2, 0.2)}
 _COLOR, _TF = "std_msgs/msg/ColorRGBA", "tf2_msgs/msg/TFMessage"
 _MARKERS = "visualization_msgs/msg/MarkerArray"
@@ -158,9 +146,9 @@ class BagRecorder:
         markers = []
         for name, (x, y, z, *quaternion) in state.objects.items():
             obj, X_WO = self._workspace.objects[name], pose(quaternion_to_matrix(quaternion), (x, y, z))
-            color = COLORS.get((obj.color or "").lower(), _PLAIN)
             for number, part in enumerate(obj.parts):
-                markers.append(self._marker(t, (name, number), WORLD, X_WO @ part.X_PG, part.shape, color))
+                paint = paint_of(obj.color)
+                markers.append(self._marker(t, (name, number), WORLD, X_WO @ part.X_PG, part.shape, paint))
         if markers:
             self._add("/objects", t, _MARKERS, markers=markers)
 
