@@ -91,43 +91,55 @@ class ShownAtom(BaseModel, strict=True, frozen=True, use_attribute_docstrings=Tr
     """The value from each camera that can judge it."""
 
 
-class EventFields:
-    """The fields that events may have, each with its type; `MODELS` says which kind has which, and what they mean."""
+def _says(text: str, default: Any = ...) -> Any:  # noqa: ANN401 - as `Field`
+    """What a field means; default: of one that logs of other programs may lack."""
+    return Field(default, description=text)
 
-    sqrp_log: Literal[1]
-    workspace: str
-    digest: str
-    seed: int
-    cameras: list[str]
-    rates: dict[str, Annotated[FiniteFloat, Field(gt=0)]]
-    faults: list[str]
-    steps: list[ProgramStep]
-    number: int
-    skill: str
-    parameters: dict[str, str | float]
-    time: FiniteFloat
-    boxes: dict[str, list[AskedBox]]
-    says: dict[str, str]
-    name: str
-    does: str | None
-    exposed: FiniteFloat
-    step_time: FiniteFloat | None
-    literals: dict[str, ShownAtom]
-    joints: list[str]
-    q: list[FiniteFloat]
-    held: str | None
-    objects: dict[str, Numbers7]
-    fault: str
-    text: str
-    response: Literal["stop", "retry", "continue"]
-    to_see: str
-    until: FiniteFloat
-    reason: str | None
-    force: FiniteFloat
-    attempt: int
-    of: int
-    step: str
-    report: RunReport
+
+_POSE = "x, y, z [m] and a quaternion x, y, z, w"
+
+
+class EventFields:
+    """The fields that events may have; `MODELS` says which kind has which."""
+
+    sqrp_log: Annotated[Literal[1], _says("Version of the log's fields.")]
+    workspace: Annotated[str, _says("Name of the workspace.")]
+    digest: Annotated[str, _says("Of what was understood of the workspace.")]
+    seed: Annotated[int, _says("Of everything random in the run.", 0)]
+    cameras: Annotated[list[str], _says("Their names.")]
+    rates: Annotated[
+        dict[str, Annotated[FiniteFloat, Field(gt=0)]], _says("How often each camera takes an image [Hz].", {})
+    ]
+    faults: Annotated[list[str], _says("Faults to inject, in the form of `--fault`.", [])]
+    steps: Annotated[list[ProgramStep], _says("Of the program, in order.", [])]
+    number: Annotated[int, _says("Of the step, from 1.", 1)]
+    skill: Annotated[str, _says("Name of the skill.", "")]
+    parameters: Annotated[dict[str, str | float], _says("Objects and motion parameters by name.", {})]
+    time: Annotated[FiniteFloat, _says("Duration of its motion as planned [s].", 0.0)]
+    boxes: Annotated[dict[str, list[AskedBox]], _says("Where images are searched, by atom.")]
+    says: Annotated[dict[str, str], _says("The facts in words, by atom.", {})]
+    name: Annotated[str, _says("As in the skill.")]
+    does: Annotated[str | None, _says("What it does, in a word or two; None in logs of earlier versions.", None)]
+    exposed: Annotated[FiniteFloat, _says("When the images were taken [s].")]
+    step_time: Annotated[
+        FiniteFloat | None, _says("The same since the motion of the step began [s]; null before it.", None)
+    ]
+    literals: Annotated[dict[str, ShownAtom], _says("By atom.")]
+    joints: Annotated[list[str], _says("Names of all joints.")]
+    q: Annotated[list[FiniteFloat], _says("Their positions [rad or m].")]
+    held: Annotated[str | None, _says("What the tool holds.")]
+    objects: Annotated[dict[str, Numbers7], _says(f"Poses in the world: {_POSE}.", {})]
+    fault: Annotated[str, _says("In the form of `--fault`.")]
+    text: Annotated[str, _says("What is wrong, in words.", "")]
+    response: Annotated[Literal["stop", "retry", "continue"], _says("The response of the skill.", "stop")]
+    to_see: Annotated[str, _says("The condition.")]
+    until: Annotated[FiniteFloat, _says("When it is to stop, in the time of the step's motion [s].", 0.0)]
+    reason: Annotated[str | None, _says("Why it stopped, or what was not noticed.", None)]
+    force: Annotated[FiniteFloat, _says("At the tool [N].")]
+    attempt: Annotated[int, _says("Number of the retry, from 1.")]
+    of: Annotated[int, _says("How many the skill allows.")]
+    step: Annotated[str, _says("Its skill.", "")]
+    report: Annotated[RunReport, _says("All of it.")]
 
 
 _TYPES = get_type_hints(EventFields, include_extras=True)
@@ -175,127 +187,98 @@ _NOT_LOGGED = ("schema", "document", "workspace", "wall")
 """Fields of a run's document that the last line of a log does not have: its header has the workspace."""
 
 
-def _kind(name: str, kind: Any, about: str, /, **fields: tuple[Any, ...]) -> type[Event]:  # noqa: ANN401 - or a literal
-    """The record of a kind of event; fields: the meaning of each, a default where logs may lack it, a narrower type."""
+def _kind(name: str, kind: Any, about: str, fields: str, /, **others: tuple[Any, ...]) -> type[Event]:  # noqa: ANN401 - or a literal
+    """The record of a kind of event, with some fields, by their names.
+
+    others: what else some of them mean, with a default where logs may lack them, and a narrower type.
+    """
     literal: Any = Literal
     type_, default = (literal[kind], kind) if isinstance(kind, str) else (kind, ...)
     made: dict[str, Any] = {"event": (Annotated[type_, Field(description=_KIND)], default)}
-    for key, (text, *more) in fields.items():
-        default, type_ = more[0] if more else ..., more[1] if len(more) > 1 else _TYPES[key]
-        made[key] = (Annotated[type_, Field(description=text)], default)
+    for key in fields.split():
+        hint, said = _TYPES[key], _TYPES[key].__metadata__[-1]
+        made[key] = (hint, ... if said.is_required() else said.default)
+        if key in others:
+            text, default, *narrower = others[key]
+            made[key] = (Annotated[narrower[0] if narrower else hint, Field(description=text)], default)
     found: type[Event] = create_model(name, __base__=Event, __doc__=about, **made)
     return found
 
 
-_POSE = "x, y, z [m] and a quaternion x, y, z, w"
 MODELS = (
     _kind(
         "RunBegan",
         "run",
         "The program and its circumstances: the first line of a log.",
-        sqrp_log=("Version of the log's fields.",),
-        workspace=("Name of the workspace.",),
-        digest=("Of what was understood of the workspace.",),
-        seed=("Of everything random in the run.", 0),
-        cameras=("Their names.",),
-        rates=("How often each camera takes an image [Hz].", {}),
-        faults=("Faults to inject, in the form of `--fault`.", []),
-        steps=("Of the program, in order.", []),
+        "sqrp_log workspace digest seed cameras rates faults steps",
     ),
     _kind(
         "StepBegan",
         "step",
         "An attempt at a step begins: the robot looks, then moves.",
-        number=("Of the step, from 1.", 1),
-        skill=("Name of the skill.", ""),
-        parameters=("Objects and motion parameters by name.", {}),
-        time=("Duration of its motion as planned [s].", 0.0),
-        boxes=("Where images are searched, by atom.",),
-        says=("The facts in words, by atom.", {}),
+        "number skill parameters time boxes says",
     ),
-    _kind(
-        "PrimitiveBegan",
-        "primitive",
-        "A primitive action begins.",
-        name=("As in the skill.",),
-        does=("What it does, in a word or two; None in logs of earlier versions.", None),
-    ),
+    _kind("PrimitiveBegan", "primitive", "A primitive action begins.", "name does"),
     _kind(
         "EvidenceSeen",
         "evidence",
         "The evidence of a time is known, or has changed because another image of that time arrived.",
-        exposed=("When the images were taken [s].",),
-        step_time=("The same since the motion of the step began [s]; null before it.", None),
-        literals=("By atom.",),
+        "exposed step_time literals",
     ),
     _kind(
         "WholeState",
         "state",
         "The true poses, which the robot does not know: the first state of a run, complete.",
-        joints=("Names of all joints.",),
-        q=("Their positions [rad or m].",),
-        held=("What the tool holds.",),
-        objects=(f"Poses in the world: {_POSE}.", {}),
+        "joints q held objects",
     ),
     _kind(
         "StateChanged",
         "state",
         "The true poses now; what is left out is unchanged.",
+        "q held objects",
         q=("Positions of all joints [rad or m].", []),
         held=("What the tool holds.", None),
         objects=(f"Poses in the world of what has moved: {_POSE}.", {}),
     ),
-    _kind("FaultInjected", "injected", "A fault is injected.", fault=("In the form of `--fault`.",)),
+    _kind("FaultInjected", "injected", "A fault is injected.", "fault"),
     _kind(
         "FaultHappened",
         "happened",
         "The formula of a fault that was injected has become true in the cell.",
-        fault=("Its name.",),
+        "fault",
+        fault=("Its name.", ...),
     ),
     _kind(
         "FaultSeen",
         "fault",
         "The images show a fault.",
-        name=("As the skill calls it; of another violation that the skill lets pass, its formula.",),
-        text=("What is wrong, in words.", ""),
-        response=("The response of the skill.", "stop"),
+        "name text response",
+        name=("As the skill calls it; of another violation that the skill lets pass, its formula.", ...),
     ),
     _kind(
         "MovingOn",
         "moving on",
         "The robot continues its motion to where the condition of a retry can be seen.",
-        to_see=("The condition.",),
+        "to_see cameras until",
         cameras=("The cameras that should see it from there.", []),
-        until=("When it is to stop, in the time of the step's motion [s].", 0.0),
     ),
-    _kind("Stopping", "stopping", "The robot is commanded to stop.", reason=("Why it stops, in words.", "", str)),
     _kind(
-        "ContactFelt",
-        "contact",
-        "A guarded move ends: the tool met what it looked for.",
-        force=("At the tool [N].",),
+        "Stopping",
+        "stopping",
+        "The robot is commanded to stop.",
+        "reason",
+        reason=("Why it stops, in words.", "", str),
     ),
+    _kind("ContactFelt", "contact", "A guarded move ends: the tool met what it looked for.", "force"),
     _kind(
         "Retrying",
         "retry",
         "A motion for another attempt at a step is planned.",
-        attempt=("Number of the retry, from 1.",),
-        of=("How many the skill allows.",),
-        step=("Its skill.", ""),
+        "attempt of step time",
         time=("Duration of the motion as planned [s].", 0.0),
     ),
-    _kind(
-        "RunEnded",
-        Outcome,
-        "The program is done, or the robot has stopped.",
-        reason=("Why it stopped, or what was not noticed.", None),
-    ),
-    _kind(
-        "RunReported",
-        "report",
-        "How a run went: the last line of a log, with the fields of the report.",
-        report=("All of it.",),
-    ),
+    _kind("RunEnded", Outcome, "The program is done, or the robot has stopped.", "reason"),
+    _kind("RunReported", "report", "How a run went: the last line of a log, with the fields of the report.", "report"),
 )
 """The record of each kind of event: its fields, what they mean, and defaults."""
 KINDS: Mapping[str, type[Event]] = {
