@@ -118,7 +118,7 @@ def episode_of(
     told = [f"{twice:,} states have the time of another one and are left out"] if twice else []
     told += [f"{late:,} states came late and are put in order"] if late else []
     if len(rising) > FEW and (step := float(np.median(np.diff(rising)))) >= SLOW:
-        told += [f"its states are usually {step:.4g} s apart: are its times in seconds?"]
+        told += [f"its states are usually {step:.4g} s apart: check that its times are in seconds"]
     numbers = first if frames is None else frames[first]
     return Episode(rising - rising[0], states[first, 1:], numbers, (*told, *pauses(rising)))
 

@@ -149,16 +149,21 @@ def with_verdict(cell: Cell, seen: Observed, result: CandidateResult) -> Candida
     Moves that go around something are named at the end.
     """
     blind_spot, remedy, candidate = NOTHING_MISSING, "", seen.planned.candidate
-    remarks = [candidate.skill.in_pieces(one) for one in seen.planned.motion.remarks]
+    motion = seen.planned.motion
+    remarks = [candidate.skill.in_pieces(one) for one in motion.remarks]
     if (stretch := longest_blind_spot(cell, seen)) is not None:
         stated = any(not parameter.implicit for parameter in candidate.skill.motion_parameters)
         may_vary = candidate.skill.recorded is None and (candidate.skill.waypoints or stated)
         all_tried = candidate.branch or not may_vary
         blind_spot = str(stretch)
         remedy = stretch.remedy.removesuffix(_OTHER_WAY) if all_tried else stretch.remedy
-    sentences = ("; ".join(filter(None, (blind_spot, remedy))), remarks and f"On the way {', '.join(remarks)}")
+    doubts, way = remarks[: len(motion.doubts)], remarks[len(motion.doubts) :]
+    sentences = ("; ".join(filter(None, (blind_spot, remedy))), *doubts, way and f"On the way {', '.join(way)}")
     return replace(
-        result, verdict=" ".join(f"{one}." for one in sentences if one), blind_spot=blind_spot, remedy=remedy
+        result,
+        verdict=" ".join(f"{one[:1].upper()}{one[1:]}." for one in sentences if one),
+        blind_spot=blind_spot,
+        remedy=remedy,
     )
 
 

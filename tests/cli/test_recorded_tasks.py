@@ -261,7 +261,9 @@ def test_a_second_grasp_elsewhere_has_its_own_box_and_one_of_nothing_is_told(pla
     for box, held in zip(boxes.values(), (one, other), strict=True):
         X_WB = model.link_poses(model.home[None])[box.frame][0] @ box.X_FB
         np.testing.assert_allclose(X_WB, model.tool_pose(model.home) @ held.X_TO, atol=1e-9)
-    assert "the gripper closes" in " ".join(opened.rank("demo").candidates[0].remarks)
+    ranked = opened.rank("demo").candidates[0]
+    assert "the gripper closes" in " ".join(ranked.remarks)
+    assert ". At" in ranked.verdict
     assert "the gripper closes" in " ".join(opened.check("demo").candidates[0].reasons)
 
 

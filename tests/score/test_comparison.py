@@ -143,7 +143,7 @@ def test_what_a_motion_goes_around_hides_no_fault():
     timeline = SimpleNamespace(samples=samples, observation=seen, of_interest=none)
     planned = SimpleNamespace(
         candidate=SimpleNamespace(skill=SimpleNamespace(in_pieces=str)),
-        motion=SimpleNamespace(remarks=("a1 goes around wall",)),
+        motion=SimpleNamespace(doubts=(), remarks=("a1 goes around wall",)),
     )
     found = with_verdict(None, SimpleNamespace(planned=planned, timeline=timeline), assessed(blind=2.0))
     assert found.verdict == f"{NOTHING_MISSING}. On the way a1 goes around wall."
