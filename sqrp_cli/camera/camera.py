@@ -6,7 +6,7 @@ Numbers are in SI units and angles in radians, whatever the unit in a file.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from math import radians, tan
+from math import atan, radians, tan
 from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BeforeValidator, Field
@@ -127,6 +127,11 @@ class Camera(Sensing, Intrinsics):
         what = f"camera `{self.name}`"
         check_poses(what, self.X_FC)
         check_finite(what, self.matrix, self.distortion, self.near, self.rate, self.latency)
+
+    @property
+    def field_of_view(self) -> float:
+        """The horizontal angle of its image, without the distortion of its lens [rad]."""
+        return 2.0 * atan(0.5 * self.width / float(self.matrix[0, 0]))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -61,8 +61,7 @@ def with_camera(document: SourceDocument, before: Camera, camera: Camera, look_a
             wanted = {"fx": focal} | ({"fy": float(K[1, 1])} if "fy" in image else {})
             values = {name: _number(image[name], value, PIXELS) for name, value in wanted.items()}
         else:
-            angle = 2.0 * np.arctan(0.5 * camera.width / focal)
-            values = {"horizontal_fov": _number(image["horizontal_fov"], float(angle), ANGLE)}
+            values = {"horizontal_fov": _number(image["horizontal_fov"], camera.field_of_view, ANGLE)}
         named = {f"{dotted(path)}.image.{name}": text for name, text in values.items()}
         content = with_values(parse_yaml(document.path, content), named)
     return content

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from math import atan, degrees, hypot, inf, tan
 
 import numpy as np
@@ -267,18 +268,15 @@ def sees_any(camera: Camera, X_WC: Array, points: Array) -> bool:
 
 
 def _depths_in_image(camera: Camera, X_WC: Array, points: Array) -> Array:
-    """Depths [m] of the points (n, 3) in a camera, nan for those not in its image, lens distortion ignored."""
-    x, y, z = transform(inverse(X_WC), points).T
-    ahead = z > 0
-    depth = np.where(ahead, z, 1.0)
-    x, y = x / depth, y / depth
-    if camera.distortion_model == "equidistant":
-        radius = np.maximum(np.hypot(x, y), 1e-12)
-        x, y = x * np.arctan(radius) / radius, y * np.arctan(radius) / radius
-    u = camera.matrix[0, 0] * x + camera.matrix[0, 2]
-    v = camera.matrix[1, 1] * y + camera.matrix[1, 2]
-    in_image = (u >= -0.5) & (u <= camera.width - 0.5) & (v >= -0.5) & (v <= camera.height - 0.5)
-    return np.where(ahead & in_image, z, np.nan)
+    """Depths [m] of the points (n, 3) in a camera, nan for those not in its image; without the distortion of its lens.
+
+    One that folds back is a finding of its own.
+    """
+    points_C = transform(inverse(X_WC), points)
+    depths, ahead = np.full(len(points), np.nan), points_C[:, 2] > 0
+    shown = Projection(replace(camera, distortion=np.zeros_like(camera.distortion))).shows(points_C[ahead])
+    depths[ahead] = np.where(shown, points_C[ahead, 2], np.nan)
+    return depths
 
 
 def points_of(objects: Sequence[SceneObject]) -> Array:

@@ -129,18 +129,14 @@ def connected(address: str | None, warn: Callable[[str], None], tls: Tls | None 
 
 async def prepare_worker() -> None:
     """Load the program while the worker goes on serving others."""
-    import asyncio  # every worker has it, and a run without a cluster need not load it
 
-    await asyncio.to_thread(prepare)
+    def load() -> None:
+        import sqrp_cli.score.compute  # noqa: F401
+        from sqrp_cli.score.kept import program_digest
 
+        program_digest()
 
-@cache
-def prepare() -> None:
-    """Load the program."""
-    import sqrp_cli.score.compute  # noqa: F401
-    from sqrp_cli.score.kept import program_digest
-
-    program_digest()
+    await asyncio.to_thread(load)
 
 
 def run_packed(packed: bytes, program: str, contents: Mapping[str, bytes]) -> str:
@@ -155,7 +151,6 @@ def run_packed(packed: bytes, program: str, contents: Mapping[str, bytes]) -> st
         message = "a worker of the cluster has another version of sqrp, or of a library that it computes with"
         wrong = Problem("version-mismatch", message, mend="install the same versions on every worker")
         return _answers().dump_json((wrong,)).decode()
-    prepare()
     job: Job = pickle.loads(packed)  # noqa: S301 # of the same program, from one whom the worker's owner trusts
     folder, places = Path(tempfile.gettempdir()) / f"sqrp-files-{os.getuid()}", dict[Path, Path]()
     folder.mkdir(mode=0o700, exist_ok=True)

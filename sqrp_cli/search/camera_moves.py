@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import count
-from math import atan, degrees, radians, tan
+from math import degrees, radians, tan
 from typing import Literal
 
 import numpy as np
@@ -87,7 +87,7 @@ class CameraMove:
         """See `least.Move`; coarser: so many times its steps."""
         if self.kind != "lens":
             return shells(self.bounds.dimension, coarser * self.bounds.step, reach)
-        step, present = coarser * LENS_STRIDE, field_of_view(self.camera)
+        step, present = coarser * LENS_STRIDE, self.camera.field_of_view
         narrowest, widest = ((edge - present) / LENS_STEP / step for edge in (NARROWEST, WIDEST))
         numbers = np.arange(int(narrowest), int(widest) + 1)
         views = LENS_STEP * step * numbers[np.argsort(abs(numbers), kind="stable")][1:, None]
@@ -108,7 +108,7 @@ class CameraMove:
         """See `least.Move`."""
         passes = np.ones(len(vectors), dtype=bool)
         if self.kind == "lens":
-            views = field_of_view(self.camera) + vectors[:, 0]
+            views = self.camera.field_of_view + vectors[:, 0]
             passes = np.array((views >= NARROWEST - 1e-9) & (views <= WIDEST + 1e-9))
         if passes.any():
             lenses, X_FC = self.lenses_and_poses(vectors[passes])
@@ -131,7 +131,7 @@ class CameraMove:
         camera, aim, eye, values, turn = self.camera, self.aim, self.camera.X_FC[:3, 3], vector, 0.0
         if self.kind == "lens":
             there = _with_view(camera, float(vector[0]))
-            values = np.array([field_of_view(there) - field_of_view(camera)])
+            values = np.array([there.field_of_view - camera.field_of_view])
             size = float(abs(values[0]))
         else:
             if self.kind == "aim":
@@ -206,7 +206,7 @@ def further_camera(question: Question) -> Search:
     fixed = [camera for camera in cameras.values() if camera.frame == WORLD]
     if not fixed:
         return (), "there is none to take the lens of"
-    lenses = {(camera.width, camera.height, field_of_view(camera)): camera for camera in reversed(fixed)}
+    lenses = {(camera.width, camera.height, camera.field_of_view): camera for camera in reversed(fixed)}
     ordered = [camera for _, camera in sorted(lenses.items(), key=lambda entry: entry[0][2])]
     few = [ordered[n] for n in dict.fromkeys([0, len(ordered) // 2, len(ordered) - 1])]
     name = next(name for number in count(len(cameras) + 1) if (name := f"cam{number}") not in cameras)
@@ -250,14 +250,9 @@ def further_camera(question: Question) -> Search:
     return [max(answers, key=lambda one: one.margin.more if one.margin else 0.0)], ""
 
 
-def field_of_view(camera: Camera) -> float:
-    """The horizontal angle of a camera's image without distortion [rad]."""
-    return 2.0 * atan(0.5 * camera.width / float(camera.matrix[0, 0]))
-
-
 def _with_view(camera: Camera, more: float) -> Camera:
     """A camera with a wider view, by an angle [rad]: in tenths of degrees."""
-    present = field_of_view(camera)
+    present = camera.field_of_view
     view = radians(round(degrees(present + round(more / LENS_STEP) * LENS_STEP), 2))
     K = camera.matrix.copy()
     K[:2, :2] *= tan(0.5 * present) / tan(0.5 * view)

@@ -6,7 +6,6 @@ What the process that computes is asked is here, too.
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
@@ -49,8 +48,7 @@ def handles(workspace: Workspace) -> dict[str, Any]:
     cameras, frames, ups = {}, {}, {}
     for name, camera in workspace.cameras.items():
         (point, up), position = aim(workspace, camera).tolist(), camera.X_FC[:3, 3].tolist()
-        fov = 2.0 * math.atan(0.5 * camera.width / float(camera.matrix[0, 0]))
-        cameras[name] = Move(kind="camera", name=name, position=position, look_at=point, fov=fov)
+        cameras[name] = Move(kind="camera", name=name, position=position, look_at=point, fov=camera.field_of_view)
         frames[name], ups[name] = camera.frame, up
     objects = {
         name: upright("object", name, X)

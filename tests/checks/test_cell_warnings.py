@@ -55,10 +55,6 @@ def test_a_mesh_in_the_wrong_unit_is_doubted(
             assert f"`scale` of {scale}" in (problem.mend or "")
 
 
-def test_the_meshes_of_the_shipped_robot_are_not_doubted(tabletop: Workspace, ur5: RobotModel) -> None:
-    assert list(doubtful_meshes(tabletop, ur5)) == []
-
-
 def problems_of_g1(tabletop: Workspace, *placed: tuple[Shape, Array]) -> list[Problem]:
     """The problems of `g1` with these parts."""
     parts = tuple(Part(f"g1/{index}", "g1", *one) for index, one in enumerate(placed))

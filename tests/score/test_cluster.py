@@ -47,11 +47,8 @@ class Evil:
     def __reduce__(self):
         return exec, (f"import os; open({self.mark!r} + str(os.getpid()), 'w')",)
 
-class Failure(Exception):
-    def __init__(self, mark):
-        self.mark = mark
-    def __reduce__(self):
-        return exec, (f"import os; open({self.mark!r} + str(os.getpid()), 'w')",)
+class Failure(Evil, Exception):
+    pass
 
 def answer(mark): return Evil(mark)
 def fail(mark): raise Failure(mark)
