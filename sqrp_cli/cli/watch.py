@@ -144,10 +144,9 @@ def view_of(answer: Document) -> AnswerView:
         case Explanation():
             columns, first = ("", answer.name), answer
             rows |= {title: (text,) for title, text in zip(_TITLES, _figures(answer), strict=True)}
-            for atom in dict.fromkeys(name.removeprefix("not ") for name in answer.targets):
-                literals = [one.literals.get(atom) or one.literals.get(f"not {atom}") for one in answer.samples]
+            for atom in answer.says:
                 for camera in answer.cameras:  # for which share of the time it sees the literal
-                    seen = [None if one is None else one.cameras[camera].covered for one in literals]
+                    seen = [None if one is None else one.cameras[camera].covered for one in answer.found_of(atom)]
                     share = covered_share(answer.samples, seen)
                     rows[f"{atom}, {camera} [%]"] = ("–" if share is None else f"{100 * share:.1f}",)
         case Check():

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from sqrp_cli.document import LEFT_OUT, Pose, Record, TaskDocument, how_many, live
 from sqrp_cli.figures import Qualities
 from sqrp_cli.logic.image_time import Window
+from sqrp_cli.logic.literal import NOT
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import HidingPart, Reason
 from sqrp_cli.study.result import CandidateResult, FreeView, FreeViews, HiddenTarget, SamplingDone, UnseenTime
@@ -260,6 +261,15 @@ class ExplainedCandidate(CandidateResult):
     all that is hidden, from any camera, while too few see the target. Empty if only the robot is in the way."""
     assumed: str = ""
     """What delays assume of the cameras, in words; empty where all state their latency."""
+
+    @property
+    def says(self) -> Mapping[str, str]:
+        """What each atom says, in words."""
+        return {name.removeprefix(NOT): target.says for name, target in self.targets.items()}
+
+    def found_of(self, atom: str) -> list[LiteralCoverage | None]:
+        """What is found of an atom in each sample; None where neither it nor its negation must be seen."""
+        return [one.literals.get(atom) or one.literals.get(f"{NOT}{atom}") for one in self.samples]
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

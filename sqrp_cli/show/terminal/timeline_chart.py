@@ -88,7 +88,6 @@ def print_explanation(found: Explanation) -> None:
             say(f"{said[0].upper()}{said[1:]}{longest}.")
     say_assumed(found.assumed if found.faults else "")
     say(f"\n{_camera_failures(found)}")
-    says = {name.removeprefix("not "): target.says for name, target in found.targets.items()}
     if found.coverage:
         why = {(one.literal, one.camera, one.phase): SIGNS[one.cause][0] for one in found.coverage_causes}
         phases, rows = [one.name for one in found.phases], list[tuple[str, ...]]()
@@ -96,11 +95,11 @@ def print_explanation(found: Explanation) -> None:
             for camera, share in ((one, share) for one, share in cameras.items() if any(share.values())):
                 signs = {phase: why.get((atom, camera, phase), "█") for phase in phases}
                 told = (f"{100 * share[one]:.1f} {signs[one]}" if one in share else "" for one in phases)
-                rows.append((says[atom], camera, *told))
+                rows.append((found.says[atom], camera, *told))
         columns = [Column("seen in each phase\n[%]", shrink=True), Column("camera"), *numbers(*phases)]
         say()
         print_table(columns, _said_once(rows))
-    _print_unseen(found, says)
+    _print_unseen(found)
     if found.free_views is not None:
         say(f"\n{found.free_views.words}", "bold")
         if found.windows:
@@ -113,7 +112,7 @@ def print_explanation(found: Explanation) -> None:
         say()
         columns = [Column("fact", shrink=True), Column("camera"), *numbers("hidden"), Column("by", shrink=True)]
         parts = sentences.part_shares_in_words
-        rows = [(says[o.literal], o.camera, f"{100 * o.hidden:.1f} %", parts(o.parts)) for o in found.hidden]
+        rows = [(found.says[o.literal], o.camera, f"{100 * o.hidden:.1f} %", parts(o.parts)) for o in found.hidden]
         print_table(columns, _said_once(rows))
     say(styled(f"\n{_accuracy(found.sampling, [found])}", "dim"))
 
@@ -122,12 +121,12 @@ def _accuracy(done: SamplingDone, found: Sequence[CandidateResult]) -> str:
     return sentences.accuracy(done, found, short=verbosity.get() is not Verbosity.VERBOSE)
 
 
-def _print_unseen(found: Explanation, says: Mapping[str, str]) -> None:
-    """For how long each camera does not see each fact, and why; those that never see it share a row. says: in words."""
+def _print_unseen(found: Explanation) -> None:
+    """For how long each camera does not see each fact, and why; cameras that never see it share a row."""
     rows: list[tuple[str, str, str, str]] = []
     for atom, facts in groupby(found.unseen_times, key=lambda one: one.literal):
         lost, kinds = dict[str, Counter[str]](), dict[str, dict[str, None]]()
-        asked = [one.literals.get(atom) or one.literals.get(f"not {atom}") for one in found.samples]
+        asked, fact = found.found_of(atom), found.says[atom]
         for one in facts:
             kinds.setdefault(one.camera, {})[one.limit.by(None)] = None
             lost.setdefault(one.camera, Counter())[one.words] += one.seconds  # type: ignore[assignment]
@@ -137,10 +136,10 @@ def _print_unseen(found: Explanation, says: Mapping[str, str]) -> None:
             more = len(why) - sentences.MOST_PARTS
             because = ", ".join(why[: sentences.MOST_PARTS]) + (f", and {more} more" if more > 0 else "")
             because = next(iter(lost[camera])) if len(why) == 1 else because
-            rows.append((says[atom], camera, f"{lost[camera].total():.2f}", because))
+            rows.append((fact, camera, f"{lost[camera].total():.2f}", because))
         if never := [camera for camera in lost if camera not in able]:
             reasons = ", ".join(dict.fromkeys(words for camera in never for words in kinds[camera]))
-            rows.append((says[atom], ", ".join(never), f"{lost[never[0]].total():.2f}", f"never seen: {reasons}"))
+            rows.append((fact, ", ".join(never), f"{lost[never[0]].total():.2f}", f"never seen: {reasons}"))
     if rows:
         say()
         columns = [Column("fact", shrink=True), Column("camera", shrink=True), Column("not seen\n[s]", right=True)]
@@ -272,8 +271,8 @@ def _rows(found: ExplainedCandidate) -> list[Styled]:
     if interesting := "".join("◆" if samples[i].event else " " for i in shown).rstrip():
         rows.append(styled("critical time".ljust(LABEL_WIDTH) + interesting.ljust(len(shown))))
     rows.append(row("everything", [sample.covered for sample in samples]))
-    for atom, says in {name.removeprefix("not "): one.says for name, one in found.targets.items()}.items():
-        literals = [one.literals.get(atom) or one.literals.get(f"not {atom}") for one in samples]
+    for atom, says in found.says.items():
+        literals = found.found_of(atom)
         rows += ["", row(says, [None if one is None else one.covered for one in literals])]
         for camera in found.cameras:
             verdicts = [None if one is None else one.cameras[camera] for one in literals]
