@@ -306,20 +306,11 @@ def _robot(cell: Cell) -> RobotScene:
 
 def _camera(cell: Cell, one: Camera) -> CameraScene:
     frame, X_FC = on_robot(cell.workspace.robot, cell.model, one.frame, one.X_FC)
-    straight = one.distortion_model == "none"
-    return from_fields(
-        CameraScene,
-        one,
-        CameraTiming.of(one),
-        K=one.matrix.tolist(),
-        # ROS has no name for the absence of distortion; it writes five zeros.
-        distortion_model="plumb_bob" if straight else one.distortion_model,
-        D=[0.0] * 5 if straight else one.distortion.tolist(),
-        frame=frame,
-        pose=X_FC.tolist(),
-        far=finite_or_none(one.far),
-        exposure=one.exposure or None,
-    )
+    lens = {"K": one.matrix.tolist(), "distortion_model": one.distortion_model, "D": one.distortion.tolist()}
+    if one.distortion_model == "none":  # ROS has no name for the absence of distortion; it writes five zeros
+        lens |= {"distortion_model": "plumb_bob", "D": [0.0] * 5}
+    limits = {"far": finite_or_none(one.far), "exposure": one.exposure or None}
+    return from_fields(CameraScene, one, CameraTiming.of(one), **lens, **limits, frame=frame, pose=X_FC.tolist())
 
 
 def _opaque_parts(cell: Cell) -> list[OpaquePart]:

@@ -22,7 +22,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.files import make_folder, write_atomically
 from sqrp_cli.show.documents.analysis_shown import verdict_shown
 from sqrp_cli.show.pages.assembly import COVERED, CULPRIT, HIDDEN, Color, solid_colors, visible
-from sqrp_cli.show.pictures.camera_image import Image, RayScene, check_rays
+from sqrp_cli.show.pictures.camera_image import RayScene, check_rays
 from sqrp_cli.show.sentences import part_shares_in_words
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import first_failing
@@ -41,8 +41,6 @@ _LEAST_Z = 0.01  # edges are drawn from this distance to the camera on [m]
 _FARTHEST = 1e4  # edges are drawn up to this distance outside the image [pixels]
 Caption = tuple[str, Color | None]
 """A line under a picture, after a spot of a colour if there is one."""
-BoxOutline = tuple[Array, Color]
-"""A box to draw around: its corners in the optical frame, (8, 3) [m], in the order of `BOX_SIGNS`."""
 Picture = tuple[Any, Sequence[Caption]]
 """A camera's image with outlined boxes, as Pillow's image, and the lines under it."""
 SHEET = "contact-sheet.png"
@@ -146,7 +144,14 @@ def _picture(
         if failing.limit in (Cause.HIDDEN, Cause.SAME_COLOUR):
             solids = zip(cell.observer.solids, colors, strict=True)
             colors = [CULPRIT if solid.name == failing.by else color for solid, color in solids]
-    return outlined(scene.image(camera, X_WC, colors), Projection(camera), outlines, captions)
+    photo = pillow("Image").fromarray(scene.image(camera, X_WC, colors))
+    draw = pillow("ImageDraw").Draw(photo)
+    for corners, outer in outlines:
+        edge = _silhouette(corners, Projection(camera))
+        for color, width in ((_PAPER, 6), (outer, 3)):
+            if edge:
+                draw.line([*edge, *edge[:2]], fill=color, width=width, joint="curve")
+    return photo, captions
 
 
 def file_name(name: str) -> str:
@@ -155,20 +160,6 @@ def file_name(name: str) -> str:
 
 
 # Outlines, captions and contact sheets
-
-
-def outlined(
-    image: Image, projection: Projection, outlines: Sequence[BoxOutline], captions: Sequence[Caption]
-) -> Picture:
-    """An image with boxes outlined."""
-    photo = pillow("Image").fromarray(image)
-    draw = pillow("ImageDraw").Draw(photo)
-    for corners, outer in outlines:
-        edge = _silhouette(corners, projection)
-        for color, width in ((_PAPER, 6), (outer, 3)):
-            if edge:
-                draw.line([*edge, *edge[:2]], fill=color, width=width, joint="curve")
-    return photo, captions
 
 
 def contact_sheet(title: str, rows: Sequence[tuple[str, Sequence[Picture]]]) -> Any:  # noqa: ANN401
