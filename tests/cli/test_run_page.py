@@ -170,7 +170,6 @@ def test_everything_is_where_the_simulation_and_the_log_say(played):
     assert np.linalg.norm(played.thing()[:3, 3] - played.tool()) == pytest.approx(0.02, abs=0.003)
     assert played.thing()[2, 3] > 0.1
     # Boxes are where the thing is looked for in the colour of what images show.
-    (fault,) = played.document["faults"]
     evidence = [event for event in events_of(played) if event["event"] == "evidence"]
     names = {"true": "covered", "false": "out", "blind": "hidden", "nothing": "nothing"}
     look_up = """name => {
@@ -198,7 +197,6 @@ def test_everything_is_where_the_simulation_and_the_log_say(played):
             assert box == colors[taken[atom]["value"]]
             assert lines == {name: colors[taken[atom]["cameras"].get(name, "nothing")] for name in ("cam3", "cam5")}
     # A second attempt has a box where the object was found.
-    (fault,) = played.document["faults"]
     second = [event for event in events_of(played) if event["event"] == "step"][1]
     (box,) = second["boxes"]["obj_on_table(g2)"]
     assert box["frame"] == "world"
@@ -211,7 +209,6 @@ def test_everything_is_where_the_simulation_and_the_log_say(played):
     opened = played.opened
     assert opened.complaints == []
     assert "The monitors do not know that: they judge by images alone." in opened.texts("#note")[0]
-    (fault,) = played.document["faults"]
     texts = opened.texts("#moments button")
     assert texts[0] == f"{fault['happened']:.2f} s slip happens"
     assert texts[-1] == f"{fault['recovered']:.2f} s the step is done"
@@ -221,7 +218,6 @@ def test_everything_is_where_the_simulation_and_the_log_say(played):
     assert opened.texts(".row.truth .now")[0] == "false"
     assert opened.texts("#legend span")[-1] == "nothing has to be seen"
     # A run is seen through its cameras and from near the tool.
-    opened = played.opened
     played.at(played.document["faults"][0]["detected"])
 
     def picture():
@@ -285,7 +281,7 @@ def test_a_log_alone_or_with_another_workspace_gives_a_flat_page_that_says_why(s
     cell.write_text(cell.read_text(encoding="utf-8").replace("8.0 Hz", "9.0 Hz"), encoding="utf-8")
     for arguments, why in (
         ((now / "pick.yaml", "--replay", now / "run.jsonl"), "the workspace of this program is not as it was in the"),
-        (("--replay", log), "a log has no shapes; `sqrp run PROGRAM --replay LOG --report FILE` takes them from the"),
+        (("--replay", log), "a log has no shapes; sqrp run PROGRAM --replay LOG --report FILE takes them from the"),
         ((played.folder / "pick.yaml", "--replay", log), "the workspace of this program is not as it was in the run."),
     ):
         assert sqrp("run", *arguments, "--report", page).code == 0

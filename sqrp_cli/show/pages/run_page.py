@@ -103,6 +103,13 @@ def _detail(
                 text = f"{label} {what}"
                 spans.append({"kind": kind, "start": start, "end": end if until is None else until, "text": text})
         marks += [{"label": label, "spans": spans}] if spans else []
+    # The primitives, and in words what the robot does between them.
+    begun = [event for event in events if event.event == "primitive" or event.event in BETWEEN]
+    doings = []
+    for event, until in zip(begun, [*(one.t for one in begun), end][1:], strict=True):
+        is_own = event.event == "primitive"
+        named = {"name": event.name, "does": event.does} if is_own else {"name": BETWEEN[event.event]}
+        doings += [Span(**named, start=event.t, end=until)] if until > event.t else []
     # What the images of each time showed. The last ones count for as long as any before them, then none.
     seen = {event.exposed: event for event in events if event.event == "evidence"}
     times = sorted(seen)
@@ -113,7 +120,7 @@ def _detail(
         "time": end,
         "still": {},
         "cameras": {name: {} for name in cameras},
-        "primitives": _doings(events, end),
+        "primitives": doings,
         "formulas": [],
         "says": {atom: words for step in report.steps for atom, words in step.says.items()},
         "targets": {} if track is None else _targets(events, end),
@@ -134,18 +141,6 @@ def track_shown(track: Track) -> Mapping[str, object]:
         "held": list(track.held),
         "objects": {name: [[index, *pose] for index, pose in poses] for name, poses in track.poses.items()},
     }
-
-
-def _doings(events: Sequence[Event], end: float) -> list[Span]:
-    """The primitives, and in words what the robot does between them."""
-    starts: list[tuple[float, str, str | None]] = []
-    for event in events:
-        if event.event == "primitive":
-            starts.append((event.t, event.name, event.does))
-        elif event.event in BETWEEN:
-            starts.append((event.t, BETWEEN[event.event], None))
-    spans = zip(starts, [*(t for t, _, _ in starts), end][1:], strict=True)
-    return [Span(name=name, does=does, start=start, end=to) for (start, name, does), to in spans if to > start]
 
 
 def _targets(events: Sequence[Event], end: float) -> dict[str, dict[str, list[Mapping[str, object]]]]:
