@@ -60,10 +60,7 @@ def write_advice(
 
 
 def studied(row: PageRow, found: CandidateResult, job: RankJob, goal: Goal | None) -> PageRow:
-    """A row with figures that are known, and the playback of their way, with the verdict on that.
-
-    Playback has samples where any camera's verdict changes, so it may show what the figures are too coarse for.
-    """
+    """A row with the playback of the way of its figures, and the verdict on that, which may be finer than the figures."""
     ranked = replace(found, rank=1 if found.feasible else None, pareto=False)
     explained = job.explain(ranked)
     shown = explained.result

@@ -68,10 +68,7 @@ def blind_intervals(analysis: Analysis) -> Iterator[BlindInterval]:
 
 
 def write_pictures(cell: Cell, analysis: Analysis, folder: Path, advance: Callable[[], object] = lambda: None) -> int:
-    """Write a picture per blind interval and camera, and all of them on one sheet; returns the number of intervals.
-
-    advance: called after each picture. Raises InputError where a file cannot be written or a library is missing.
-    """
+    """Write a picture per blind interval and camera, and a sheet of all; returns how many intervals there are."""
 
     def write(name: str, image: Any) -> None:  # noqa: ANN401 - Pillow's
         make_folder(folder)
@@ -109,10 +106,7 @@ def _picture(
     index: int,
     views: HiddenViews,
 ) -> Picture:
-    """The picture of one camera, by index, with each target that must be seen then and the first failure of its boxes.
-
-    row: of the sample that is shown, with its states. views: what hides the boxes that it does not see.
-    """
+    """The picture of a camera, by index, in a sample: each target to be seen, its first failure, and what hides it."""
     camera = cell.observer.cameras[index]
     step = ceil(sqrt(camera.width * camera.height / MOST_PIXELS))
     if step > 1:  # the same view in fewer pixels

@@ -143,10 +143,7 @@ def fits(columns: Sequence[Column], rows: Sequence[Sequence[TableCell]]) -> bool
 def _laid_out(
     columns: Sequence[Column], rows: Sequence[Sequence[TableCell]], *, bars: bool, broken: bool
 ) -> tuple[list[str], list[list[Text]], int]:
-    """Titles and cells of a table, and its least width.
-
-    bars: with them. broken: titles are in lines that fit their columns, or else are as short as possible.
-    """
+    """Titles, cells and least width of a table. bars: with them. broken: with titles in lines that fit their columns."""
     cells = []
     for row in rows:
         shown = (cell if isinstance(cell, Styled) else percentage(cell, bar=bars) for cell in row)

@@ -34,11 +34,7 @@ MOST_ROWS = 20  # a ranking of more candidates shows only some, unless all are a
 
 
 def print_ranking(found: Ranking, *, all_rows: bool = False) -> None:
-    """What to do, the table with a row per feasible candidate, the infeasible ones with reasons, and details.
-
-    all_rows: however many there are; else of a long ranking only those that sentences name, and the best for each
-    choice of objects.
-    """
+    """What to do, the table, reasons and details. all_rows: however many; else the best for each choice of objects."""
     feasible, all_ways = found.feasible, found.ways == "all"
     if feasible:
         say(sentences.first_answer(feasible[0], worst=found.worst_first), "bold")
@@ -201,10 +197,7 @@ def _print_feasible(feasible: Sequence[CandidateResult], shown: Sequence[Candida
 
 
 def print_infeasible(found: Iterable[tuple[str, Mapping[str, str], str]]) -> None:
-    """A line for each reason; found: name, objects and reason of each candidate.
-
-    Candidates share one if theirs differ in nothing but their own objects; then it names parameters, as `<object>`.
-    """
+    """A line for each reason that candidates share but for their objects; found: name, objects, reason of each."""
     groups: dict[str, list[tuple[str, str, str]]] = {}
     for name, objects, reason in found:
         general = reason

@@ -45,11 +45,7 @@ _REPLAY_SPEED = 4.0  # speed of a replay, as a multiple of real time
 def live_view(
     cameras: Sequence[str], *, pace: bool = False, planned: float | None = None
 ) -> Iterator[Callable[[Event], None]]:
-    """Shows live what happens on stderr: gives a listener of a run.
-
-    Where stderr is no terminal, a line now and then says how far the run has come. pace: show events at a steady pace,
-    not as they come. planned: how long the run takes without a retry [s].
-    """
+    """A listener that shows what happens, in logs now and then. pace: steadily. planned: time without retries [s]."""
     doing, last, now = BETWEEN["step"], "", 0.0
     literals: Mapping[str, ShownAtom] = {}
     says: Mapping[str, str] = {}
