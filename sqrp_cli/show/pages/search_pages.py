@@ -60,7 +60,7 @@ def write_advice(
 
 
 def studied(row: PageRow, found: CandidateResult, job: RankJob, goal: Goal | None) -> PageRow:
-    """A row with the playback of the way of its figures, and the verdict on that, which may be finer than the figures."""
+    """A row with the playback of the way of its figures, and the verdict on that; it may be finer than they are."""
     ranked = replace(found, rank=1 if found.feasible else None, pareto=False)
     explained = job.explain(ranked)
     shown = explained.result

@@ -143,7 +143,7 @@ def fits(columns: Sequence[Column], rows: Sequence[Sequence[TableCell]]) -> bool
 def _laid_out(
     columns: Sequence[Column], rows: Sequence[Sequence[TableCell]], *, bars: bool, broken: bool
 ) -> tuple[list[str], list[list[Text]], int]:
-    """Titles, cells and least width of a table. bars: with them. broken: with titles in lines that fit their columns."""
+    """Titles, cells and least width of a table. bars: with them. broken: titles in lines that fit the columns."""
     cells = []
     for row in rows:
         shown = (cell if isinstance(cell, Styled) else percentage(cell, bar=bars) for cell in row)
