@@ -83,7 +83,7 @@ def _outcome(question: Question, kind: Kind) -> KindOutcome:
         limit = reached.why_late
     else:
         worst = worst_seen([step.result for step in steps])
-        stretch = longest_blind_spot(near.change.in_cell(question.cell), steps[worst])
+        stretch = longest_blind_spot(near.change.in_cell(question.cell), steps[worst].timeline)
         said = reached.why_late if stretch is None else str(stretch)
         limit = said if stretch is None else reasons_of_step(near.analysis.candidate, worst + 1, [said])[0]
     limit = f"{limit[:1].lower()}{limit[1:]}"

@@ -169,7 +169,7 @@ class CameraMove:
             timelines = [
                 observe(step.planned, observer, question.sampling, full=False) for step in self.question.goal_steps
             ]
-            quality = mean_quality([(timeline.qualities.q_eoi, timeline.request.T_eoi) for timeline in timelines])
+            quality = mean_quality([(timeline.qualities.q_eoi, timeline.planned.T_eoi) for timeline in timelines])
             met = not falls_short(quality or 0.0, goal.q_eoi or 0.0)
         else:
             analysis = self.analysed(change)

@@ -67,9 +67,7 @@ class ObjectMove:
                 seen = whole_observed(cell, question.way, world, question.sampling, full=False)
                 if not isinstance(seen, Infeasible):
                     time = sum(step.planned.motion.time for step in seen)
-                    found = mean_qualities(
-                        (step.timeline.qualities, step.planned.T, step.planned.T_eoi) for step in seen
-                    )
+                    found = mean_qualities((step.qualities, step.planned.T, step.planned.T_eoi) for step in seen)
                     in_time = question.goal.time is None or time <= question.goal.time
                     if in_time and question.goal.may_be_met(found):
                         whole = WholeAnalysis(question.way, tuple(with_delays(cell, seen, question.sampling)))

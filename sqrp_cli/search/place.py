@@ -39,9 +39,10 @@ from sqrp_cli.search.placing_result import (
 )
 from sqrp_cli.search.sites import Installation, blocked, hidden_by, judged_way, touching_pairs, verdicts_of
 from sqrp_cli.search.visibility_table import PlaceQuestion, VisibilityTable
-from sqrp_cli.study.analysis import Analysis, Observed, with_delays
+from sqrp_cli.study.analysis import Analysis, with_delays, without_delays
 from sqrp_cli.study.find import BestWay, TimeLimit, WantedWay, find_way, with_branch
 from sqrp_cli.study.ranking import compared_quality
+from sqrp_cli.study.timeline import Timeline
 
 MOST_SOLVED, MOST_SOLVED_ASIDE = 200, 12  # programs at most: for the question, and to say what fewer cameras would do
 _SAME_TIME = 1e-3  # times that differ by less may count as the same in a ranking [s]
@@ -59,7 +60,7 @@ class SolveResult:
     problem: Problem  # at the last samples
     requirements: Requirements
     selection: Selection | None = None  # None where none is possible, or none was found in time
-    watched: Sequence[Observed] = ()  # its ways as its cameras see them, counted as if as many fail as may
+    watched: Sequence[Timeline] = ()  # its ways as its cameras see them, counted as if as many fail as may
     value: float = 0.0  # the quality that counts first, exactly, if as many cameras fail as may; in 0..1
     bound: float = 0.0  # no selection has a greater one
     proven: bool = False  # whether no other one is better, in every objective; or that there is none
@@ -184,7 +185,7 @@ class CameraPlacer:
                     break
                 value, watched, late = self._exact(requirements, selection)
                 table.late |= late
-                seen = goal is None or all(replace(goal, delay=None).met(one.without_delays) for one in watched)
+                seen = goal is None or all(replace(goal, delay=None).met(without_delays(one)) for one in watched)
                 good = seen and not late
                 confirmed = good and problem.worth(requirements, selection)[0] - value <= ROUNDED
                 if confirmed or (good and (best is None or value > best.value)):
@@ -202,7 +203,7 @@ class CameraPlacer:
                 return replace(best, problem=problem, bound=max(bound, best.value), proven=proven)
         raise AssertionError
 
-    def _exact(self, requirements: Requirements, selection: Selection) -> tuple[float, Sequence[Observed], set[Late]]:
+    def _exact(self, requirements: Requirements, selection: Selection) -> tuple[float, Sequence[Timeline], set[Late]]:
         """The quality that counts first of a selection, its ways as they are seen, and those that are too late."""
         table, goal, late = self.table, requirements.goal, set[Late]()
         cameras = [table.camera_at(option) for option in (*selection.options, *table.kept)]
@@ -212,7 +213,7 @@ class CameraPlacer:
             exact = with_delays(table.cell_with(cameras), watched, self.question.sampling)
             pairs = zip(selection.ways, exact, strict=True)
             late = {(selection.options, way) for way, one in pairs if not only.met(one.result)}
-        value = requirements.value([_QUALITIES(one.without_delays) for one in watched], table.weights)
+        value = requirements.value([_QUALITIES(one.qualities) for one in watched], table.weights)
         return value, watched, late
 
     def _unless_stopped(self, step: Callable[[], Found], otherwise: Found) -> Found:
@@ -331,7 +332,7 @@ class CameraPlacer:
         @cache
         def quality(*options: int) -> float:
             watched = table.watched(map(table.camera_at, options), selection.ways)
-            return requirements.value([_QUALITIES(one.without_delays) for one in watched], table.weights)
+            return requirements.value([_QUALITIES(one.qualities) for one in watched], table.weights)
 
         names = (name for number in count(1) if (name := f"cam{number}") not in self.question.keep)
         everyone, placed = (*selection.options, *table.kept), []

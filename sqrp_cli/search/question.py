@@ -177,8 +177,7 @@ class Question:
             pieces = [piece for piece in planned.stage.pieces if piece.of_interest]
             stage = Stage(planned.stage.model, planned.motion, pieces, planned.world.X_WO)
             only = replace(planned, stage=stage, faults={})
-            timeline = observe(only, self.cell.observer, self.sampling, full=False)
-            found.append(replace(step, planned=only, timeline=timeline))
+            found.append(replace(step, timeline=observe(only, self.cell.observer, self.sampling, full=False)))
         return tuple(found)
 
     @cached_property

@@ -33,12 +33,12 @@ from sqrp_cli.search.sites import (
     touching_pairs,
     ways_to_choose,
 )
-from sqrp_cli.study.analysis import Observed, all_observed
+from sqrp_cli.study.analysis import all_observed
 from sqrp_cli.study.drop_detection import least_delays
 from sqrp_cli.study.find import Plans, TimeLimit
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
-from sqrp_cli.study.timeline import PlannedMotion
+from sqrp_cli.study.timeline import PlannedMotion, Timeline
 from sqrp_cli.task.feasibility import impossible_start
 from sqrp_cli.task.task import Task
 
@@ -213,7 +213,7 @@ class VisibilityTable:
         workspace = replace(cell.workspace, cameras=together)
         return replace(cell, workspace=workspace, observer=replace(cell.observer, cameras=tuple(together.values())))
 
-    def watched(self, cameras: Iterable[Camera], ways: Sequence[int], spare: int = 0) -> list[Observed]:
+    def watched(self, cameras: Iterable[Camera], ways: Sequence[int], spare: int = 0) -> list[Timeline]:
         """What cameras see of ways, exactly; spare: counted is only what so many more cameras see than is needed."""
         motions = [self.ways[number].planned for number in ways]
         if spare:
@@ -221,10 +221,9 @@ class VisibilityTable:
             motions = [replace(planned, targets=tuple(of_one)) for planned, of_one in zip(motions, more, strict=True)]
         return all_observed(self.cell_with(cameras), motions, self.question.sampling, full=False)
 
-    def add_samples(self, number: int, found: Observed) -> bool:
+    def add_samples(self, number: int, timeline: Timeline) -> bool:
         """Add samples to a way where cameras gain or lose sight between those it has; whether there are any."""
-        timeline, way = found.timeline, self.ways[number]
-        covered = timeline.covered
+        way, covered = self.ways[number], timeline.covered
         changes = np.flatnonzero((covered[1:] != covered[:-1]) & (np.diff(timeline.samples.piece) == 0))
         lost = np.flatnonzero(timeline.observation.blind)
         rows = np.unique(np.concatenate([changes, changes + 1, lost[:: max(1, len(lost) // MOST_ADDED)]]))

@@ -64,35 +64,26 @@ def fault_metrics(windows: Sequence[Window], onsets: Sequence[Onset], recovery: 
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Observed:
-    """A feasible candidate with what the cameras see of it, but not yet how late faults are noticed."""
-
-    planned: PlannedMotion
-    timeline: Timeline
-    """Of the same motion: what the cameras see of it."""
-
-    @property
-    def without_delays(self) -> CandidateResult:
-        """Its figures, without faults."""
-        planned, seen = self.planned, self.timeline.qualities
-        return CandidateResult(
-            candidate=planned.candidate,
-            feasible=True,
-            time=planned.motion.time,
-            q_avg=seen.q_avg,
-            q_eoi=seen.q_eoi,
-            t_total=planned.T,
-            t_eoi=planned.T_eoi,
-            faults={},
-            states=int(self.timeline.monitored.sum()),
-        )
+def without_delays(seen: Timeline) -> CandidateResult:
+    """The figures of what is seen of a motion, without faults."""
+    return CandidateResult(
+        candidate=seen.planned.candidate,
+        feasible=True,
+        time=seen.planned.motion.time,
+        q_avg=seen.qualities.q_avg,
+        q_eoi=seen.qualities.q_eoi,
+        t_total=seen.planned.T,
+        t_eoi=seen.planned.T_eoi,
+        faults={},
+        states=int(seen.monitored.sum()),
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class Analysis(Observed):
+class Analysis:
     """A feasible candidate with all data behind its figures."""
 
+    timeline: Timeline
     recovery: Recovery
     windows: Mapping[str, Sequence[Window]]
     """In which images show each fault, by its name."""
@@ -100,6 +91,11 @@ class Analysis(Observed):
     """From when on images show each fault, for each interval in which it may happen, by its name."""
     why: Mapping[str, LateReason]
     """What takes longest until each fault is noticed, by its name."""
+
+    @property
+    def planned(self) -> PlannedMotion:
+        """The motion, and what must be seen during it."""
+        return self.timeline.planned
 
     @property
     def result(self) -> CandidateResult:
@@ -112,7 +108,7 @@ class Analysis(Observed):
             for fault, windows in self.windows.items()
         }
         return replace(
-            self.without_delays,
+            without_delays(timeline),
             faults=faults,
             error=timeline.transition_error,
             largest_gap=timeline.largest_gap,
@@ -125,7 +121,7 @@ class Analysis(Observed):
 
 def _phases(timeline: Timeline, motion: Motion) -> Iterator[PhaseSeen]:
     """The phases of a recorded motion, with the share of each in which neighbouring samples are covered."""
-    gaps, pieces = timeline.samples.gaps, timeline.request.stage.pieces
+    gaps, pieces = timeline.samples.gaps, timeline.planned.stage.pieces
     phase = np.array([piece.primitive for piece in pieces])[timeline.samples.piece[:-1]]
     monitored, covered = timeline.monitored, timeline.covered
     for number, one in enumerate(motion.primitives):
@@ -208,7 +204,7 @@ def analysed(cell: Cell, planned: PlannedMotion, sampling: Sampling, *, full: bo
 
 def all_observed(
     cell: Cell, motions: Sequence[PlannedMotion], sampling: Sampling, *, full: bool, bars: Array | None = None
-) -> list[Observed]:
+) -> list[Timeline]:
     """What the cameras of a cell see of each of several motions; nothing of delays yet. bars: see `observe`."""
     for planned in motions:
         count = 0.0  # of the adaptive one, which bounds itself
@@ -221,17 +217,14 @@ def all_observed(
             message = f"this sampling asks for {count:,.0f} samples of `{name}`; the limit is {MAX_SAMPLES:,}"
             mend = "leave it out: the default places samples where they matter"
             raise bad_input("too-many-samples", message, mend=mend)
-    return [Observed(one, observe(one, cell.observer, sampling, full=full, bars=bars)) for one in motions]
+    return [observe(one, cell.observer, sampling, full=full, bars=bars) for one in motions]
 
 
-def with_delays(cell: Cell, observed: Sequence[Observed], sampling: Sampling) -> list[Analysis]:
-    """Motions with how late faults are noticed; as they are where that is known."""
+def with_delays(cell: Cell, timelines: Sequence[Timeline], sampling: Sampling) -> list[Analysis]:
+    """What is seen of motions with how late faults are noticed."""
     done = []
-    for one in observed:
-        if isinstance(one, Analysis):
-            done.append(one)
-            continue
-        planned, observer = one.planned, cell.observer
+    for timeline in timelines:
+        planned, observer = timeline.planned, cell.observer
         formulas, literals = planned.formulas, pieces.fault_literals(planned.formulas)
         intervals = {fault: pieces.fault_intervals(formulas, fault) for fault in literals}
         first = min((spans[0].start for spans in intervals.values()), default=planned.motion.time)
@@ -244,8 +237,8 @@ def with_delays(cell: Cell, observed: Sequence[Observed], sampling: Sampling) ->
             usual = None if told.usual is None else np.insert(told.usual, 0, told.usual[0])
             shown = np.insert(told.shown, 0, told.shown[0])
             onsets[fault] = (replace(told, x=np.insert(told.x, 0, start), shown=shown, usual=usual), *others)
-        windows = all_fault_windows(planned, one.timeline, observer, sampling)
+        windows = all_fault_windows(timeline, observer, sampling)
         recovery = recovery_over(planned.motion, cell.model, first)
         why = {fault: why_late(cell, planned, fault, windows[fault], onsets[fault]) for fault in onsets}
-        done.append(Analysis(planned, one.timeline, recovery, windows, onsets, why))
+        done.append(Analysis(timeline, recovery, windows, onsets, why))
     return done

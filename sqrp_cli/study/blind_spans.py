@@ -77,7 +77,7 @@ def coverage_by_phase(cell: Cell, analysis: Analysis) -> tuple[ByPhase, tuple[Un
     """
     timeline, cameras = analysis.timeline, [camera.name for camera in cell.observer.cameras]
     weights, observation = sample_weights(analysis), timeline.observation
-    phase = np.array([piece.primitive for piece in timeline.request.stage.pieces])[timeline.samples.piece]
+    phase = np.array([piece.primitive for piece in timeline.planned.stage.pieces])[timeline.samples.piece]
     shares: dict[str, dict[str, dict[str, float]]] = {}
     causes = list[UnseenTime]()
     for column, (target, boxes) in enumerate(zip(analysis.planned.targets, observation.full_matrix, strict=True)):

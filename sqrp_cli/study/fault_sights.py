@@ -24,7 +24,7 @@ from sqrp_cli.skill.target_box import object_of
 from sqrp_cli.study.drop_detection import held_in
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.stage import Stage
-from sqrp_cli.study.timeline import ObservationRequest, PlannedMotion, Timeline, observe
+from sqrp_cli.study.timeline import PlannedMotion, Timeline, observe
 from sqrp_cli.task.pieces import Piece, fault_intervals, fault_literals
 
 
@@ -72,7 +72,7 @@ def fault_windows(
     clocks = np.array([(1.0 / camera.rate, camera.lag) for camera in cameras]).reshape(-1, 2)
     kinds = [(*clock, 0.0, (clocks == clock).all(axis=1)) for clock in sorted({*map(tuple, clocks.tolist())})]
     several = len(kinds) > 1
-    counts = np.array([fault.counts_in(piece) for piece in timeline.request.stage.pieces])[samples.piece]
+    counts = np.array([fault.counts_in(piece) for piece in timeline.planned.stage.pieces])[samples.piece]
     if several:
         shown = [sees_all(boxes) & seen.required[:, [n]] & counts[:, None] for n, boxes in enumerate(seen.full_matrix)]
         seeing = np.any([shown[n] for columns in fault.columns for n in columns], axis=(0, 1))
@@ -95,15 +95,13 @@ def fault_windows(
     return tuple(windows)
 
 
-def all_fault_windows(
-    planned: PlannedMotion, timeline: Timeline, observer: Observer, sampling: Sampling
-) -> dict[str, tuple[Window, ...]]:
+def all_fault_windows(timeline: Timeline, observer: Observer, sampling: Sampling) -> dict[str, tuple[Window, ...]]:
     """The windows of every fault of a motion, by its name; timeline: of what formulas ask for.
 
     What fingers lose is looked for once they are closed on nothing; other faults in the timeline, if it has all that
     images are asked for.
     """
-    clocks, stage = {(camera.rate, camera.lag) for camera in observer.cameras}, planned.stage
+    clocks, planned, stage = {(one.rate, one.lag) for one in observer.cameras}, timeline.planned, timeline.planned.stage
     full = len(clocks) > 1
     targets, faults = watched_faults(planned)
     by_fingers = [fault for fault in faults if is_lost_by_fingers(stage, fault)]
@@ -131,7 +129,7 @@ def all_fault_windows(
 
 def _asking(
     planned: PlannedMotion, stage: Stage, targets: Sequence[Target], faults: Sequence[FaultWatch]
-) -> ObservationRequest:
+) -> PlannedMotion:
     """The pieces of a motion in which images show faults, with the opposite of their literals where no formula asks."""
     pieces = []
     for piece in stage.pieces:

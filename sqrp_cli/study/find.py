@@ -21,11 +21,11 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion, no_such_branch, plan_branches, plan_motion
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.reach import TURNED
-from sqrp_cli.study.analysis import Analysis, Observed, all_observed, planned_motion, with_delays
+from sqrp_cli.study.analysis import Analysis, all_observed, planned_motion, with_delays, without_delays
 from sqrp_cli.study.ranking import QUALITY_STEP, compared_quality, compared_time, contenders, rank
 from sqrp_cli.study.result import BlindEnd, CandidateResult, Criterion, WayFigures, WaysFound
 from sqrp_cli.study.sampling import Sampling
-from sqrp_cli.study.timeline import PlannedMotion
+from sqrp_cli.study.timeline import PlannedMotion, Timeline
 from sqrp_cli.task.feasibility import feasible_motion, impossible_start
 from sqrp_cli.task.grips import first_grip, grips
 from sqrp_cli.task.task import Candidate
@@ -107,7 +107,7 @@ def find_way(
         return found
     ways, seen = found
     if compared:
-        seen = list(compress(seen, contenders([one.without_delays for one in seen], wanted.by)))
+        seen = list(compress(seen, contenders(list(map(without_delays, seen)), wanted.by)))
     analyses = with_delays(cell, seen, sampling)
     ranked = rank([analysis.result for analysis in analyses], wanted.by)
     best = ranked[0]
@@ -151,7 +151,7 @@ def analysed_ways(
     found = _observed_ways(cell, candidate, world, sampling, WantedWay(limit=limit), plans, orders=(True, False))
     if not isinstance(found, Infeasible):
         for one in sorted(found[1], key=lambda way: compared_time(way.planned.motion.time)):
-            if worth(one.timeline.qualities):
+            if worth(one.qualities):
                 yield from with_delays(cell, [one], sampling)
 
 
@@ -165,7 +165,7 @@ def _observed_ways(
     *,
     orders: Sequence[bool],
     contending: bool = False,
-) -> tuple[WaysFound, list[Observed]] | Infeasible:
+) -> tuple[WaysFound, list[Timeline]] | Infeasible:
     """How many ways of a candidate there are, and what is seen of those within the limit.
 
     Where it leaves paths open, the ways with direct ones come first, then those that are found for each of `orders`:
@@ -194,7 +194,7 @@ def _observed_ways(
 
 def observed(
     cell: Cell, motions: Sequence[PlannedMotion], sampling: Sampling, *, contending: bool = False
-) -> list[Observed]:
+) -> list[Timeline]:
     """What is seen of ways.
 
     contending: whether only `contenders` need exact figures. The fastest ways are looked at first. Another one is
@@ -203,7 +203,7 @@ def observed(
     """
     if not contending or len({(one.T > 0.0, one.T_eoi > 0.0) for one in motions}) > 1:  # not to be compared
         return all_observed(cell, motions, sampling, full=False)
-    found: dict[int, Observed] = {}
+    found: dict[int, Timeline] = {}
     known: list[tuple[float, float, float]] = []  # time and qualities as they are compared
     for number in sorted(range(len(motions)), key=lambda index: motions[index].motion.time):
         planned, time = motions[number], compared_time(motions[number].motion.time)
@@ -211,7 +211,7 @@ def observed(
         least = [(avg - (QUALITY_STEP if time == its_time else 0.0), eoi) for its_time, avg, eoi in known]
         bars = (1.0 - np.array(least).reshape(-1, 2)) * [planned.T, planned.T_eoi] * (1.0 + 1e-9)
         (found[number],) = all_observed(cell, [planned], sampling, full=False, bars=bars)
-        seen = found[number].timeline.qualities
+        seen = found[number].qualities
         known.append((time, compared_quality(seen.q_avg), compared_quality(seen.q_eoi)))
     return [found[number] for number in range(len(motions))]
 

@@ -90,7 +90,7 @@ class RankJob:
             q_expected=expected_quality(self.cell, analysis),
             recalibrated=() if errors is None else under_calibration_errors(self.cell, analysis, self.sampling, errors),
         )
-        return with_verdict(self.cell, analysis, result) if self.verdicts else result
+        return with_verdict(self.cell, analysis.timeline, result) if self.verdicts else result
 
     def add_verdict(self, known: CandidateResult) -> CandidateResult:
         """A feasible result with the verdict that `assess` left out."""
@@ -137,7 +137,7 @@ class RankJob:
             found = analyse(self.cell, known.way, self.world, self.sampling, full=True)
             if isinstance(found, Infeasible):
                 raise ValueError(f"{known.candidate.name} was feasible a moment ago")
-            analysis, result = found, with_verdict(self.cell, found, found.result)
+            analysis, result = found, with_verdict(self.cell, found.timeline, found.result)
             result = replace(result, candidate=known.candidate, q_expected=expected_quality(self.cell, found))
         result = replace(result, best_way=known.best_way, rank=known.rank, pareto=known.pareto, ways=known.ways)
         return Explained(described(result), analysis, tuple(steps))

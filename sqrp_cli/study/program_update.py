@@ -54,7 +54,7 @@ def replanned(cell: Cell, step: record.Step, world: World) -> record.Step | None
     if isinstance(found, Infeasible):
         return None
     cameras = tuple(camera.name for camera in cell.observer.cameras)
-    return make_step(step.task, found, with_verdict(cell, found, found.result), cameras)
+    return make_step(step.task, found, with_verdict(cell, found.timeline, found.result), cameras)
 
 
 def candidate_of(step: record.Step, cell: Cell) -> Candidate:

@@ -20,13 +20,14 @@ from sqrp_cli.motion.position_limits import near_limits
 from sqrp_cli.motion.timing import MotionLimits
 from sqrp_cli.records import dataclass
 from sqrp_cli.skill.skill import HOME
-from sqrp_cli.study.analysis import Analysis, analyse
+from sqrp_cli.study.analysis import Analysis, all_observed, planned_motion
 from sqrp_cli.study.move_search import COST_DECIMALS, EXACTLY, SETTLED, MoveSearch, SeenPath, exchange
 from sqrp_cli.study.observation import look_at
 from sqrp_cli.study.result import BlindEnd
 from sqrp_cli.study.sampling import Adaptive, Sampling
 from sqrp_cli.study.stage import Samples
-from sqrp_cli.study.timeline import PlannedMotion
+from sqrp_cli.study.timeline import PlannedMotion, Timeline
+from sqrp_cli.task.feasibility import feasible_motion
 from sqrp_cli.task.task import Candidate
 from sqrp_cli.trajectory import JointPath, Trajectory
 
@@ -119,8 +120,8 @@ def seen_ways(
     *,
     longest: float = np.inf,
     interest_first: bool = True,
-) -> list[Analysis]:
-    """Ways with paths of joint moves along which the cameras lose sight of less, each analysed exactly.
+) -> list[Timeline]:
+    """Ways with paths of joint moves along which the cameras lose sight of less, each observed exactly.
 
     motions: direct ways of one candidate, from one world. longest: the most time that a way may take [s].
     interest_first: whether quality in events of interest counts before all else. The result depends only on the
@@ -148,11 +149,12 @@ def seen_ways(
 
 def way_with_seen_paths(cell: Cell, way: Candidate, world: World) -> Candidate:
     """One way with the best paths from a world; with direct ones where none is better, or where it cannot be done."""
-    direct = analyse(cell, way.with_paths({}), world, Adaptive(), full=False)
-    if isinstance(direct, Infeasible):
-        return way.with_paths({})
-    seen = seen_ways(cell, [replace(direct.planned, candidate=way)], Adaptive())
-    return seen[0].planned.candidate if seen else way.with_paths({})
+    direct = way.with_paths({})
+    motion = feasible_motion(cell, direct, world)
+    if isinstance(motion, Infeasible):
+        return direct
+    seen = seen_ways(cell, [replace(planned_motion(cell, direct, world, motion), candidate=way)], Adaptive())
+    return seen[0].planned.candidate if seen else direct
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,8 +255,8 @@ def paths_together(left: Sequence[Sequence[SeenPath]], most: float, weight: floa
     return together
 
 
-def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> Analysis | None:
-    """The way with the best paths that fit the time together, analysed exactly; None if none is better."""
+def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> Timeline | None:
+    """The way with the best paths that fit the time together, observed exactly; None if none is better."""
     spare = longest - runner.planned.motion.time
     left: list[list[SeenPath]] = []
     for search in runner.searches:
@@ -282,10 +284,10 @@ def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> 
     vias = {name: path.vias for name, path in zip(names, paths, strict=True) if len(path.vias)}
     if not vias:
         return None
-    found = analyse(cell, runner.planned.candidate.with_paths(vias), runner.planned.world, sampling, full=False)
-    if isinstance(found, Infeasible) or found.planned.motion.time > longest + ROUNDING:
+    way, world = runner.planned.candidate.with_paths(vias), runner.planned.world
+    motion = feasible_motion(cell, way, world)
+    if isinstance(motion, Infeasible) or motion.time > longest + ROUNDING:
         return None
-    blind = (1.0 - (found.timeline.qualities.q_avg or 0.0)) * found.planned.T
-    return (
-        found if round(runner.weight * blind + found.planned.motion.time, COST_DECIMALS) < runner.cost(direct) else None
-    )
+    (found,) = all_observed(cell, [planned_motion(cell, way, world, motion)], sampling, full=False)
+    blind = (1.0 - (found.qualities.q_avg or 0.0)) * found.planned.T
+    return found if round(runner.weight * blind + motion.time, COST_DECIMALS) < runner.cost(direct) else None

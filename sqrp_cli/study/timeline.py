@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -34,29 +35,7 @@ _LOOK = 100
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ObservationRequest:
-    """A motion, and what must be seen during it."""
-
-    stage: Stage
-    targets: tuple[Target, ...]
-    faults: Mapping[str, tuple[int, ...]]
-    """The columns of the atoms of each fault, by its name: indices into `targets`."""
-    T: float
-    """Duration of the union of all formulas' intervals, see `pieces.monitored_times` [s]."""
-    T_eoi: float
-    """Duration of the union of the events of interest, see `pieces.monitored_times` [s]."""
-
-    def for_targets(self, stage: Stage, targets: Sequence[Target]) -> ObservationRequest:
-        """The same of other targets on another stage: each of their changes is located, whatever else is seen.
-
-        So each is a fault of its own.
-        """
-        faults = {f"{column}": (column,) for column in range(len(targets))}
-        return ObservationRequest(stage=stage, targets=tuple(targets), faults=faults, T=self.T, T_eoi=self.T_eoi)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PlannedMotion(ObservationRequest):
+class PlannedMotion:
     """A feasible candidate with its motion, and what must be seen during it."""
 
     candidate: Candidate
@@ -66,14 +45,29 @@ class PlannedMotion(ObservationRequest):
     formulas: tuple[GroundOperator, ...]
     since: Mapping[str, float]
     """When a fault, by its name, may first happen if images cannot tell it yet: before its formula's interval [s]."""
+    stage: Stage
+    targets: tuple[Target, ...]
+    faults: Mapping[str, tuple[int, ...]]
+    """The columns of the atoms of each fault, by its name: indices into `targets`."""
+    T: float
+    """Duration of the union of all formulas' intervals, see `pieces.monitored_times` [s]."""
+    T_eoi: float
+    """Duration of the union of the events of interest, see `pieces.monitored_times` [s]."""
+
+    def for_targets(self, stage: Stage, targets: Sequence[Target]) -> PlannedMotion:
+        """The same of other targets on another stage: each of their changes is located, whatever else is seen.
+
+        So each is a fault of its own.
+        """
+        faults = {f"{column}": (column,) for column in range(len(targets))}
+        return replace(self, stage=stage, targets=tuple(targets), faults=faults)
 
 
 @dataclass(frozen=True, eq=False)
 class Timeline:
-    """The coverage of a motion at m samples."""
+    """What the cameras see of a motion, its coverage at m samples, but not yet how late faults are noticed."""
 
-    request: ObservationRequest
-    """The motion, and what must be seen during it."""
+    planned: PlannedMotion
     samples: Samples
     observation: Observation
     """What the cameras see in the samples."""
@@ -92,7 +86,7 @@ class Timeline:
     @cached_property
     def of_interest(self) -> Mask:
         """Whether each sample lies in an event of interest, shape (m,)."""
-        return self.request.stage.of_interest(self.samples)
+        return self.planned.stage.of_interest(self.samples)
 
     @cached_property
     def qualities(self) -> Qualities:
@@ -104,7 +98,7 @@ class Timeline:
         for any time.
         """
         gaps, within = self.samples.gaps, self.covered[:-1] & self.covered[1:]
-        parts = ((gaps[within], self.request.T), (gaps[within & self.of_interest[:-1]], self.request.T_eoi))
+        parts = ((gaps[within], self.planned.T), (gaps[within & self.of_interest[:-1]], self.planned.T_eoi))
         # Rounding may add a little.
         return Qualities(*(min(float(part.sum()), T) / T if T > 0 else None for part, T in parts))
 
@@ -114,7 +108,7 @@ class Timeline:
 
         Shorter events may be missed. Where nothing moves, there are none.
         """
-        stage = self.request.stage
+        stage = self.planned.stage
         stands = [primitive.trajectory.stands for primitive in stage.motion.primitives]
         moving = np.array([not stands[piece.primitive] for piece in stage.pieces], dtype=bool)
         rows = np.flatnonzero(self.monitored & self.observation.looked & moving[self.samples.piece])
@@ -126,7 +120,7 @@ class Timeline:
         """Bound on the error of Q from the unknown times of transitions between samples, as a fraction."""
         width = np.where(self.covered[1:] != self.covered[:-1], self.samples.gaps, 0.0)
         within = width[self.of_interest[:-1]].sum()
-        pairs = ((width.sum(), self.request.T), (within, self.request.T_eoi))
+        pairs = ((width.sum(), self.planned.T), (within, self.planned.T_eoi))
         return max(float(error / T) if T else 0.0 for error, T in pairs)
 
 
@@ -149,7 +143,7 @@ class SampledMotion:
 
 
 def observe(
-    request: ObservationRequest, observer: Observer, sampling: Sampling, *, full: bool, bars: Array | None = None
+    planned: PlannedMotion, observer: Observer, sampling: Sampling, *, full: bool, bars: Array | None = None
 ) -> Timeline:
     """Sample a motion and, if the sampling is adaptive, bisect every transition of the coverage.
 
@@ -159,13 +153,13 @@ def observe(
     interest, shape (b, 2) [s]. Once this one surely loses as much as a row in both, it is not looked at any further,
     and what was not looked at counts as not covered.
     """
-    stage, targets = request.stage, request.targets
+    stage, targets = planned.stage, planned.targets
     samples = first_samples(sampling, stage, observer, targets)
     if full:
         seen = look_closely(observer, stage, targets, samples)
     else:
         seen = look_at(observer, stage, targets, samples, bars=bars)
-    timeline = Timeline(request, samples, seen)
+    timeline = Timeline(planned, samples, seen)
     while isinstance(sampling, Adaptive):
         if bars is not None:
             # A target that is seen in neither of two neighbouring samples is not looked for between them: how long no
@@ -182,7 +176,7 @@ def observe(
             more = look_at(observer, stage, targets, more_samples, seen.agreed(bracket, bracket + 1))
         samples, order = samples.joined(more_samples)
         seen = seen.joined(more, order)
-        timeline = Timeline(request, samples, seen)
+        timeline = Timeline(planned, samples, seen)
     return timeline
 
 
@@ -196,15 +190,15 @@ def _finer(timeline: Timeline, tolerance: float) -> tuple[Samples, Indices] | No
     single change in events of interest; one of a camera's, in the full matrix, to the allowed error of Q_avg. Each is
     cut into equal parts, in the number of rounds with the least total cost: many parts at once, or few repeatedly.
     """
-    request, t, piece, gaps = timeline.request, timeline.samples.t, timeline.samples.piece, timeline.samples.gaps
+    planned, t, piece, gaps = timeline.planned, timeline.samples.t, timeline.samples.piece, timeline.samples.gaps
     # How wide the bracket from each sample to the next may be [s], shape (m - 1,); infinite where nothing changes.
     apart = np.diff(piece) == 0
     state = (timeline.covered[1:] != timeline.covered[:-1]) & apart
     of_interest = state & timeline.of_interest[:-1]
-    error, error_eoi = tolerance * request.T, _SHARE * tolerance * (request.T_eoi or request.T)
+    error, error_eoi = tolerance * planned.T, _SHARE * tolerance * (planned.T_eoi or planned.T)
     allowed = np.where(state, _SHARE * error / max(1, int(state.sum())), np.inf)
     allowed[of_interest] = np.minimum(allowed[of_interest], error_eoi / max(1, int(of_interest.sum())))
-    for columns in request.faults.values():
+    for columns in planned.faults.values():
         covered: Mask = np.all(timeline.observation.covered[:, list(columns)], axis=1)
         changes = (covered[1:] != covered[:-1]) & apart
         allowed[changes] = np.minimum(allowed[changes], error_eoi)

@@ -23,8 +23,8 @@ from sqrp_cli.sight.observer import first_failing, sees_all
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import Target
 from sqrp_cli.skill.target_box import fact_words
-from sqrp_cli.study.analysis import Observed
 from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult
+from sqrp_cli.study.timeline import Timeline
 
 _LOOKS, _LOOKS_OF_SEVERAL = 5, 25
 """Samples of a blind stretch at which the causes are looked up; where several cameras are needed, each may see at some
@@ -143,7 +143,7 @@ class BlindSpot:
         return advice and f"it may help to {advice}"
 
 
-def with_verdict(cell: Cell, seen: Observed, result: CandidateResult) -> CandidateResult:
+def with_verdict(cell: Cell, seen: Timeline, result: CandidateResult) -> CandidateResult:
     """A feasible result with its verdict: its longest blind spot, and what would help.
 
     Moves that go around something are named at the end.
@@ -167,10 +167,10 @@ def with_verdict(cell: Cell, seen: Observed, result: CandidateResult) -> Candida
     )
 
 
-def longest_blind_spot(cell: Cell, seen: Observed) -> BlindSpot | None:
+def longest_blind_spot(cell: Cell, seen: Timeline) -> BlindSpot | None:
     """The longest stretch that is not covered, if any is; stretches within the events of interest come first."""
-    t, blind = seen.timeline.samples.t, seen.timeline.observation.blind
-    of_interest = blind & seen.timeline.of_interest
+    t, blind = seen.samples.t, seen.observation.blind
+    of_interest = blind & seen.of_interest
     runs = list(stretches(of_interest if of_interest.any() else blind))
     return explain_blind_spot(cell, seen, max(runs, key=lambda rows: t[rows[-1]] - t[rows[0]])) if runs else None
 
@@ -181,19 +181,19 @@ def stretches(blind: Mask) -> Iterator[Indices]:
     yield from (run for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(run))
 
 
-def explain_blind_spot(cell: Cell, observed: Observed, rows: Indices) -> BlindSpot:
+def explain_blind_spot(cell: Cell, timeline: Timeline, rows: Indices) -> BlindSpot:
     """Which literal is not covered in a run of uncovered samples, and why; of several, that in most of a few samples.
 
     Where that one is uncovered for a part of the run only, the blind spot is the longest such part.
     """
-    worst, planned, timeline = _worst_uncovered(cell, observed, rows), observed.planned, observed.timeline
+    worst, planned = _worst_uncovered(cell, timeline, rows), timeline.planned
     if not worst.uncovered.all():
         samples, target = timeline.samples.some(rows), worst.target
         (boxes,) = cell.observer.verdicts([target], planned.stage.states(samples), shares=False, culprits=False)
         uncovered = sees_all(boxes).sum(axis=1) < target.cameras
         parts = stretches(timeline.observation.required[rows, worst.column] & uncovered)
         rows = rows[max(parts, key=lambda part: samples.t[part[-1]] - samples.t[part[0]])]
-        worst = _worst_uncovered(cell, observed, rows)
+        worst = _worst_uncovered(cell, timeline, rows)
     names = [camera.name for camera in cell.observer.cameras]
     sees = sees_all(worst.boxes) & timeline.observation.required[worst.look, worst.column][:, None]
     start, end = np.flatnonzero(worst.few)[[0, -1]].tolist()
@@ -213,7 +213,7 @@ def explain_blind_spot(cell: Cell, observed: Observed, rows: Indices) -> BlindSp
             cause, partly = Cause(code), sum(map(len, missed.values())) < len(looked)
             label, who, missing = cause.label, cell.observer.by_name(cause, by), float(np.mean(figures))
             causes.append(CameraCause(camera=name, cause=label, by=who, figure=missing, partly=partly))
-    changed = _least_change(cell, observed, worst, rows, causes)
+    changed = _least_change(cell, timeline, worst, rows, causes)
     # A change that closes the gap comes first; else one who sees it before or after is nearest to seeing it.
     causes = sorted(
         (replace(cause, change=changed.get(cause.camera)) for cause in causes),
@@ -245,9 +245,9 @@ class _UncoveredTarget(NamedTuple):
     """In which of the few the target is required, and fewer cameras than needed see it."""
 
 
-def _worst_uncovered(cell: Cell, observed: Observed, rows: Indices) -> _UncoveredTarget:
+def _worst_uncovered(cell: Cell, timeline: Timeline, rows: Indices) -> _UncoveredTarget:
     """The target that is uncovered in most of a few samples of a run."""
-    planned, timeline = observed.planned, observed.timeline
+    planned = timeline.planned
     count = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in planned.targets) else _LOOKS
     few = rows[sorted({*np.linspace(0, len(rows) - 1, count).round().astype(np.int64).tolist()})]
     seen = timeline.observation
@@ -264,7 +264,7 @@ def _worst_uncovered(cell: Cell, observed: Observed, rows: Indices) -> _Uncovere
 
 
 def _least_change(
-    cell: Cell, observed: Observed, worst: _UncoveredTarget, rows: Indices, causes: Sequence[CameraCause]
+    cell: Cell, timeline: Timeline, worst: _UncoveredTarget, rows: Indices, causes: Sequence[CameraCause]
 ) -> dict[str, CameraChange]:
     """The camera with the least turn, else the least move along its axis, that closes a gap; empty if none does.
 
@@ -274,9 +274,9 @@ def _least_change(
     target, limits = worst.target, {cause.camera: cause.limit for cause in causes}
     if not _CHANGED.intersection(limits.values()):
         return {}
-    seen = observed.timeline.observation
+    seen = timeline.observation
     rows = rows[seen.uncovered[rows, worst.column]]
-    states = observed.planned.stage.states(observed.timeline.samples.some(rows))
+    states = timeline.planned.stage.states(timeline.samples.some(rows))
     others = dict.fromkeys(limits, np.zeros(len(rows), dtype=np.int64))
     uncovered = np.ones(len(rows), dtype=bool)
     if target.cameras > 1:

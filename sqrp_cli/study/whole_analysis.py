@@ -14,10 +14,11 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.figures import Qualities
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
-from sqrp_cli.study.analysis import SUMMED, Analysis, Observed, all_observed, planned_motion, with_delays
+from sqrp_cli.study.analysis import SUMMED, Analysis, all_observed, planned_motion, with_delays
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
+from sqrp_cli.study.timeline import Timeline
 from sqrp_cli.task.candidate import Candidate, whole_candidate
 from sqrp_cli.task.feasibility import feasible_motion
 
@@ -137,9 +138,9 @@ def whole_analysis(
 
 def whole_observed(
     cell: Cell, way: Candidate, world: World, sampling: Sampling, *, full: bool
-) -> tuple[Observed, ...] | Infeasible:
+) -> tuple[Timeline, ...] | Infeasible:
     """The steps of `whole_analysis` without delays, which take as long as all the rest."""
-    done: list[Observed] = []
+    done: list[Timeline] = []
     for step in way.steps or (way,):
         motion = feasible_motion(cell, step, world)
         if isinstance(motion, Infeasible):

@@ -140,12 +140,12 @@ def test_a_delay_is_explained_by_what_hides_the_fault_or_by_what_takes_so_long(b
 def test_what_a_motion_goes_around_hides_no_fault():
     none = np.zeros(1, dtype=bool)
     samples, seen = SimpleNamespace(t=none), SimpleNamespace(blind=none)
-    timeline = SimpleNamespace(samples=samples, observation=seen, of_interest=none)
     planned = SimpleNamespace(
         candidate=SimpleNamespace(skill=SimpleNamespace(in_pieces=str)),
         motion=SimpleNamespace(doubts=(), remarks=("a1 goes around wall",)),
     )
-    found = with_verdict(None, SimpleNamespace(planned=planned, timeline=timeline), assessed(blind=2.0))
+    timeline = SimpleNamespace(planned=planned, samples=samples, observation=seen, of_interest=none)
+    found = with_verdict(None, timeline, assessed(blind=2.0))
     assert found.verdict == f"{NOTHING_MISSING}. On the way a1 goes around wall."
     (sentence,) = shortcomings(found, EXPECTED, "")
     assert sentence.endswith("tool and part have to part")

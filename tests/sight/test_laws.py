@@ -382,7 +382,7 @@ def test_the_place_of_a_whole_cell_does_not_change_its_quality(
             replace(t, boxes=tuple(replace(b, X_FB=X_NW @ b.X_FB) if b.frame == "world" else b for b in t.boxes))
             for t in quick.planned.targets
         )
-        there = WatchedMotion(stage, cell.observer, targets, quick.planned.formulas, quick.timeline.request.faults)
+        there = WatchedMotion(stage, cell.observer, targets, quick.planned.formulas, quick.timeline.planned.faults)
         found, before = there.timeline(Adaptive()).qualities, quick.timeline.qualities
         assert found.q_avg == pytest.approx(before.q_avg, abs=DEFAULT_TOLERANCE)
         assert found.q_eoi == pytest.approx(before.q_eoi, abs=DEFAULT_TOLERANCE)

@@ -70,7 +70,7 @@ def shows_fault(story: Story, t: Array) -> Mask:
     for (t0, first, _), (t1, second, _), number, after in zip(
         moments(story), moments(story)[1:], pieces, pieces[1:], strict=False
     ):
-        piece, literals = story.timeline.request.stage.pieces[number], story.formulas[-1].literals
+        piece, literals = story.timeline.planned.stage.pieces[number], story.formulas[-1].literals
         within = interval.start - 1e-9 <= piece.start and piece.end <= interval.end + 1e-9
         opposed = piece.start >= interval.end - 1e-9 and any(lit.negated() in piece.literals for lit in literals)
         if first and second and number == after and t0 < t1 and (within or opposed):

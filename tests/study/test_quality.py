@@ -28,7 +28,7 @@ def defined_quality(story: Story, kinds: tuple[str, ...]) -> float | None:
     inside: int | None = None
     samples, seen = timeline.samples, timeline.observation
     for t, number, required, covered in zip(samples.t, samples.piece, seen.required, seen.covered, strict=True):
-        stretch = stretch_of(timeline.request.stage.pieces[number])
+        stretch = stretch_of(timeline.planned.stage.pieces[number])
         good = stretch is not None and required.any() and all(c for c, r in zip(covered, required, strict=True) if r)
         if run and (not good or stretch != inside):
             total += run[-1] - run[0]
@@ -52,7 +52,7 @@ def test_covered_is_null_exactly_where_no_formula_applies(story: Story) -> None:
     timeline = story.timeline
     applies = [
         any(start - 1e-9 <= piece.start and piece.end <= end + 1e-9 for start, end in stretches(story.formulas, BOTH))
-        for piece in timeline.request.stage.pieces
+        for piece in timeline.planned.stage.pieces
     ]
     assert timeline.monitored.tolist() == [applies[number] for number in timeline.samples.piece]
     assert not (timeline.covered & ~timeline.monitored).any()
@@ -75,5 +75,5 @@ def test_qualities_worked_out_by_hand(durations, formulas, qualities, T):
     story = make_story(durations, formulas, [4], seed=0, seen=1.0)
     found = story.timeline.qualities
     assert (found.q_avg, found.q_eoi) == tuple(one and pytest.approx(one) for one in qualities)
-    assert pytest.approx(T) == story.timeline.request.T
+    assert pytest.approx(T) == story.timeline.planned.T
     assert T or story.timeline.monitored.sum() == 1

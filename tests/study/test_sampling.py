@@ -66,8 +66,8 @@ def compare(name: str, adaptive: Timeline, dense: Timeline) -> list[Difference]:
     short = float(lengths[lengths < adaptive.largest_gap].sum())
     found = []
     for quality, length, rows in (
-        ("q_avg", dense.request.T, np.ones(len(dense.samples), dtype=bool)),
-        ("q_eoi", dense.request.T_eoi, dense.of_interest),
+        ("q_avg", dense.planned.T, np.ones(len(dense.samples), dtype=bool)),
+        ("q_eoi", dense.planned.T_eoi, dense.of_interest),
     ):
         approximate, reference = (getattr(one.qualities, quality) for one in (adaptive, dense))
         if approximate is None or reference is None:
@@ -132,7 +132,7 @@ def test_the_shortfall_of_fixed_sampling_is_at_most_transitions_times_spacing(
     for motion, fine in watched_finely:
         coarse = motion.timeline(sampling)
         spacing = float(coarse.samples.gaps.max())
-        length = (fine.qualities.q_avg - coarse.qualities.q_avg) * fine.request.T
+        length = (fine.qualities.q_avg - coarse.qualities.q_avg) * fine.planned.T
         assert abs(length) <= (changed(fine.covered).sum() + 1e-3) * spacing
 
 
@@ -216,7 +216,7 @@ def test_where_an_object_is_attached_the_instant_is_sampled_with_and_without_it(
     timeline = with_formulas(motion, always(0.0, motion.stage.motion.time, Literal(HOLD))).timeline(Adaptive())
     at = np.flatnonzero(np.abs(timeline.samples.t - grasp.end) < 1e-9)
     assert len(at) == 2
-    left, right = (timeline.request.stage.pieces[number].primitive for number in timeline.samples.piece[at])
+    left, right = (timeline.planned.stage.pieces[number].primitive for number in timeline.samples.piece[at])
     assert [motion.stage.motion.primitives[index].held for index in (left, right)] == [None, "cube"]
     assert carry.start == grasp.end
 
@@ -227,7 +227,7 @@ def test_what_no_formula_covers_is_neither_covered_nor_counted(ur5: RobotModel) 
     watched = with_formulas(motion, always(0.0, 1.0, hold), always(time - 1.0, time, hold.negated()))
     timeline = watched.timeline(FixedCount(50))
     inside = (timeline.samples.t > 1.0 + 1e-9) & (timeline.samples.t < time - 1.0 - 1e-9)
-    assert pytest.approx(2.0) == timeline.request.T
+    assert pytest.approx(2.0) == timeline.planned.T
     assert not timeline.monitored[inside].any()
     assert not timeline.covered[inside].any()
     assert 0 <= timeline.qualities.q_avg <= 1

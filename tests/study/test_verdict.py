@@ -47,7 +47,7 @@ def analyses(cell: Cell) -> dict[str, Analysis]:
 def test_what_the_verdict_says_is_true(name: str, cell: Cell, analyses: dict[str, Analysis]) -> None:
     found = analyses[name]
     timeline = found.timeline
-    text, blind = with_verdict(cell, found, found.result).verdict, timeline.observation.blind
+    text, blind = with_verdict(cell, found.timeline, found.result).verdict, timeline.observation.blind
     if not blind.any():
         assert text == "Everything that must be seen is seen."
         return
@@ -89,7 +89,7 @@ def test_a_cell_whose_only_camera_is_hidden_names_the_occluder(cell: Cell, analy
     ]
     row, index = hidden[0]
     alone = replace(cell, observer=Observer((cell.observer.cameras[index],), cell.observer.solids))
-    stretch = explain_blind_spot(alone, found, np.array([row]))
+    stretch = explain_blind_spot(alone, found.timeline, np.array([row]))
     assert stretch.causes[0].limit is Cause.HIDDEN
     assert stretch.causes[0].by in {*cell.model.links, *cell.workspace.objects}
     assert f"behind `{stretch.causes[0].by}`" in str(stretch)
@@ -108,7 +108,8 @@ def test_where_two_cameras_are_needed_each_is_reported_with_whether_it_sees_for_
     required, covered = observation.required[:, :1], sees.sum(axis=1)[:, None] >= 2
     part = SimpleNamespace(required=required, covered=covered, uncovered=required & ~covered)
     asked = SimpleNamespace(
-        timeline=SimpleNamespace(samples=found.timeline.samples, observation=part),
+        samples=found.timeline.samples,
+        observation=part,
         planned=SimpleNamespace(stage=found.planned.stage, targets=[replace(found.planned.targets[0], cameras=2)]),
     )
     stretch = explain_blind_spot(cell, asked, rows)
@@ -130,7 +131,7 @@ def test_a_literal_is_named_for_times_at_which_it_is_lost_itself(cell: Cell, ana
     seen = np.array([sees_all(boxes).any(axis=1) for boxes in matrix]).T
     lost = timeline.observation.required & ~seen
     every = np.flatnonzero(timeline.observation.blind)
-    stretch = explain_blind_spot(cell, found, every)
+    stretch = explain_blind_spot(cell, found.timeline, every)
     column = next(place for place, target in enumerate(found.planned.targets) if target.atom == stretch.atom)
     t = timeline.samples.t
     inside = timeline.monitored & (stretch.start <= t) & (t <= stretch.end)
@@ -170,8 +171,8 @@ def test_what_would_help_does_help_in_the_changed_cell_and_all_else_is_said_to_b
         found = analysed(before, analyses[name].planned, Adaptive(), full=False)
         if (rows := longest_blind(found)) is None:
             continue
-        stretch = explain_blind_spot(before, found, rows)
-        sentence = with_verdict(before, found, found.result).verdict
+        stretch = explain_blind_spot(before, found.timeline, rows)
+        sentence = with_verdict(before, found.timeline, found.result).verdict
         change = stretch.causes[0].change if stretch.causes else None
         assert (f"; {stretch.remedy}." in sentence and "would help" in sentence) == (change is not None)
         if change is None:
@@ -189,7 +190,7 @@ def test_what_would_help_does_help_in_the_changed_cell_and_all_else_is_said_to_b
         changed = replace(alone, X_FC=alone.X_FC @ X_CD)
         after = cell.with_cameras_of(replace(cell.workspace, cameras={camera: changed}))
         again = analysed(after, analyses[name].planned, Adaptive(), full=False).timeline
-        column = [target.atom for target in again.request.targets].index(stretch.atom)
+        column = [target.atom for target in again.planned.targets].index(stretch.atom)
         inside = (stretch.start <= again.samples.t) & (again.samples.t <= stretch.end)
         lost = again.observation.required[:, column] & ~again.observation.covered[:, column] & inside
         others = np.delete(again.observation.required & ~again.observation.covered, column, axis=1).any(axis=1)
@@ -205,7 +206,7 @@ def test_the_camera_to_turn_closes_the_gap_and_none_does_with_less(
     timeline, cameras = found.timeline, np.array(list(cell.workspace.cameras))
     rows = longest_blind(found)
     assert rows is not None
-    stretch = explain_blind_spot(cell, found, rows)
+    stretch = explain_blind_spot(cell, found.timeline, rows)
     column = [target.atom for target in found.planned.targets].index(stretch.atom)
     states = found.planned.stage.states(timeline.samples)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
@@ -23,7 +24,7 @@ from sqrp_cli.sight.targets import Target
 from sqrp_cli.study.observation import Observation
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.stage import Samples, Stage
-from sqrp_cli.study.timeline import ObservationRequest, Timeline, observe
+from sqrp_cli.study.timeline import PlannedMotion, Timeline, observe
 from sqrp_cli.task.pieces import cut_into_pieces, monitored_times
 from sqrp_cli.trajectory import Trajectory
 from tests.sight.views import box_part, camera_pose_around, make_box, make_camera, make_detector, random_pose
@@ -43,12 +44,24 @@ class WatchedMotion:
     faults: Mapping[str, tuple[int, ...]]
 
     def timeline(self, sampling: Sampling, *, full: bool = False) -> Timeline:
-        return observe(self.request, self.observer, sampling, full=full)
+        return observe(
+            planned_about(self.stage, self.targets, self.formulas, self.faults), self.observer, sampling, full=full
+        )
 
-    @property
-    def request(self) -> ObservationRequest:
-        T, T_eoi = monitored_times(self.formulas)
-        return ObservationRequest(stage=self.stage, targets=self.targets, faults=self.faults, T=T, T_eoi=T_eoi)
+
+def planned_about(
+    stage: Stage,
+    targets: tuple[Target, ...],
+    formulas: tuple[GroundOperator, ...],
+    faults: Mapping[str, tuple[int, ...]],
+) -> PlannedMotion:
+    """A motion of no candidate, and what must be seen during it."""
+    nobody: Any = None
+    T, T_eoi = monitored_times(formulas)
+    return PlannedMotion(
+        candidate=nobody, world=nobody, motion=stage.motion, formulas=formulas, since={}, stage=stage, targets=targets,
+        faults=faults, T=T, T_eoi=T_eoi,
+    )  # fmt: skip
 
 
 def always(start: float, end: float, *literals: Literal) -> GroundOperator:
@@ -149,11 +162,10 @@ def make_story(
     response = np.where(covered, rng.choice(RESPONSES, required.shape), np.nan)
     operator = formulas[-1]
     columns = tuple(ATOMS.index(literal.atom) for literal in operator.literals)
-    T, T_eoi = monitored_times(formulas)
     primitives = [SimpleNamespace(held=None)] * len(durations)
     stage = Stage(None, SimpleNamespace(primitives=primitives), pieces, {})  # type: ignore[arg-type]
     timeline = Timeline(
-        request=ObservationRequest(stage=stage, targets=(), faults={"slip": columns}, T=T, T_eoi=T_eoi),
+        planned=planned_about(stage, (), formulas, {"slip": columns}),
         samples=samples,
         observation=Observation(
             looked=np.ones(len(required), dtype=bool),
@@ -203,5 +215,5 @@ def moments(story: Story) -> list[tuple[float, bool, float]]:
     """Of every sample in order its time, whether the fault is covered, and how soon images show it [s], or NaN."""
     timeline = story.timeline
     t: Array = timeline.samples.t
-    response: Array = timeline.observation.response[:, list(timeline.request.faults["slip"])].max(axis=1)
+    response: Array = timeline.observation.response[:, list(timeline.planned.faults["slip"])].max(axis=1)
     return list(zip(t.tolist(), ~np.isnan(response), response, strict=True))

@@ -98,7 +98,7 @@ def _best_of(cell: Cell, task: str) -> Analysis | None:
         result = analyse(cell, candidate, cell.initial_world, Adaptive(), full=True)
         if not isinstance(result, Infeasible):
             found[candidate.name] = result
-    ranked = rank([with_verdict(cell, one, one.result) for one in found.values()], "q_eoi")
+    ranked = rank([with_verdict(cell, one.timeline, one.result) for one in found.values()], "q_eoi")
     return found[ranked[0].candidate.name] if ranked else None
 
 
@@ -178,7 +178,7 @@ def light(number: int, folder: Path) -> dict[str, Any]:
     for name, judged in (("with", cell), ("without", replace(cell, observer=plain))):
         best = _best_of(judged, task)
         if best is not None:
-            result = with_verdict(judged, best, best.result)
+            result = with_verdict(judged, best.timeline, best.result)
             step = make_step(task, best, result, tuple(judged.workspace.cameras))
             step = with_usual_images(step, best, judged.observer)
             counts, rest, misses, stop = compared(judged.workspace, best.planned.motion.joint_names, step)

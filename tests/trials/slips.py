@@ -104,7 +104,7 @@ def _program(cell: Cell, way: Analysis) -> Program:
     """The program of a way, which stops at the first alarm."""
     full = analyse(cell, way.planned.candidate, cell.initial_world, Adaptive(), full=True)
     assert not isinstance(full, Infeasible)
-    step = make_step(TASK, full, with_verdict(cell, full, full.result), tuple(cell.workspace.cameras))
+    step = make_step(TASK, full, with_verdict(cell, full.timeline, full.result), tuple(cell.workspace.cameras))
     stops = [formula.model_copy(update={"response": ProgramResponse(action="stop")}) for formula in step.formulas]
     program = new_program(cell.workspace, cell.model.joints, cell.workspace.path.parent / "program.yaml")
     return program.model_copy(update={"steps": (*program.steps, step.model_copy(update={"formulas": tuple(stops)}))})
