@@ -13,6 +13,7 @@ from sqrp_cli.starter.by_name import GRIPPERS, ROBOTS, find_named
 from sqrp_cli.starter.description import OwnRobot, describe_robot
 from sqrp_cli.starter.hand import driven_joints
 from sqrp_cli.starter.make import make_starter
+from tests.cells import refused
 
 AXES = {"panda": 7, "so101": 5, "px100": 4, "baxter": 7, "tiago": 8}
 
@@ -42,24 +43,19 @@ def test_every_gripper_of_an_installed_package_has_fingers(tmp_path: Path) -> No
      "install the ROS package kortex_description, and source its workspace"),
 ])  # fmt: skip
 def test_a_name_that_is_unknown_or_not_installed_says_what_there_is(name: str, message: str, mend: str) -> None:
-    with pytest.raises(InputError) as caught:
-        find_named(name, "robot")
-    (problem,) = caught.value.problems
+    problem = refused(find_named, name, "robot")
     assert re.search(message, problem.message)
     assert re.search(mend, problem.mend or "")
 
 
 def test_the_name_of_a_robot_is_no_file(tmp_path: Path) -> None:
-    with pytest.raises(InputError) as caught:
-        describe_robot(OwnRobot("ur5e"), tmp_path)
-    assert caught.value.problems[0].mend == "name the robot, not a file: `--robot ur5e`"
+    assert refused(describe_robot, OwnRobot("ur5e"), tmp_path).mend == "name the robot, not a file: `--robot ur5e`"
 
 
 def test_a_gripper_that_is_not_understood_is_refused_and_no_cup_stands_for_it(tmp_path: Path) -> None:
     hand = "package://example-robot-data/robots/allegro_hand_description/urdf/allegro_left_hand.urdf"
-    with pytest.raises(InputError) as caught:
-        make_starter(tmp_path / "cell", OwnRobot(find_named("ur5e", "robot")[0], gripper=hand))
-    assert "`allegro_hand_left` has no fingers that SQRP understands" in caught.value.problems[0].message
+    problem = refused(make_starter, tmp_path / "cell", OwnRobot(find_named("ur5e", "robot")[0], gripper=hand))
+    assert "`allegro_hand_left` has no fingers that SQRP understands" in problem.message
     assert list(tmp_path.iterdir()) == []
 
 

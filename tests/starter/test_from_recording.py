@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sqrp_cli.errors import InputError
 from sqrp_cli.recording.episode import Episode, Recording
 from sqrp_cli.starter.from_recording import guess_joints
+from tests.cells import refused
 
 LIMITS = {"shoulder_pan": (-1.9, 1.9), "elbow_flex": (-1.7, 1.7), "gripper": (-0.2, 1.8)}
 
@@ -88,7 +88,5 @@ def test_a_gripper_that_closes_upwards_is_closed_at_0():
     ],
 )
 def test_two_arms_and_another_robot_are_refused(names, says):
-    with pytest.raises(InputError) as error:
-        guess_joints(recorded(names), np.zeros((2, 2)), LIMITS, "gripper", frozenset())
-    (problem,) = error.value.problems
+    problem = refused(guess_joints, recorded(names), np.zeros((2, 2)), LIMITS, "gripper", frozenset())
     assert says in f"{problem.message}; {problem.mend}"
