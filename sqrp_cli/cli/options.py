@@ -105,17 +105,18 @@ def _print_warnings(cell: OpenCell) -> None:
 def check_needed(what: str, there: object, about: Mapping[str, object]) -> None:
     """Raises InputError for options, by name, that are about something which is not there, such as `--vary`."""
     if not there:
-        for name in given(about):
+        for name in _given(about):
             raise bad_option(f"{name} is about {what}, which is missing")
 
 
-def check_excluded(option: str, others: Mapping[str, object]) -> None:
-    """Raises InputError for options, by name, that exclude one which is given."""
-    for name in given(others):
-        raise bad_option(f"{option} and {name} exclude each other; give one of them")
+def check_excluded(option: str, there: object, others: Mapping[str, object]) -> None:
+    """Raises InputError for options, by name, that exclude one, if that is there."""
+    if there:
+        for name in _given(others):
+            raise bad_option(f"{option} and {name} exclude each other; give one of them")
 
 
-def given(options: Mapping[str, object]) -> list[str]:
+def _given(options: Mapping[str, object]) -> list[str]:
     """The names of the options that a command line gives, of some with their values; a 0 is given, too."""
     return [name for name, value in options.items() if value or (value == 0 and value is not False)]
 

@@ -382,12 +382,14 @@ class OpenProgram:
 
 def read_run(log: str | Path) -> SimulatedRun:
     """A run read from its log. Raises InputError for anything but the log of a complete run."""
-    if (run := replayed(file := values.path.read(log, "log"))) is None:
+    if (run := run_of_log(file := values.path.read(log, "log"))) is None:
         raise interrupted_log(file)
     return run
 
 
-def replayed(log: Path, program: OpenProgram | None = None, *listeners: Callable[[Event], None]) -> SimulatedRun | None:
+def run_of_log(
+    log: Path, program: OpenProgram | None = None, *listeners: Callable[[Event], None]
+) -> SimulatedRun | None:
     """The run of a log, None if it was interrupted; listeners: called with each event.
 
     program: that was run; it knows where everything stands. Raises InputError for anything but a log, and for a program

@@ -54,8 +54,7 @@ def _program(
         if not file.exists() and nearest(str(file), [NEW]):
             mend = f"sqrp program {NEW} {shlex.quote(str(workspace))}"
         raise bad_option(f"one program at a time: found {file} and {workspace}", mend=mend)
-    if drop_last:
-        check_excluded("--drop-last", {"--export": export})
+    check_excluded("--drop-last", drop_last, {"--export": export})
     check_needed("--export", export, {"--rate": rate})
     from sqrp_cli.program.file import load_program, made_for, save_program
     from sqrp_cli.show.documents.programs import ProgramDocument

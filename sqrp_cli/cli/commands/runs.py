@@ -16,7 +16,7 @@ import typer
 
 from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.api.calibration import learned
-from sqrp_cli.ask.api.program import DEFAULT_RUNS, audited, cameras_patch, interrupted_log, late_replanner, replayed
+from sqrp_cli.ask.api.program import DEFAULT_RUNS, audited, cameras_patch, interrupted_log, late_replanner, run_of_log
 from sqrp_cli.ask.request import argument, flag, option
 from sqrp_cli.cli.command import command
 from sqrp_cli.cli.options import (
@@ -79,14 +79,11 @@ def _run(
 ) -> ExitCode:
     about = {"--fault": ask.faults, "--sweep": slip}
     files = {"--record": ask.film, "--log": ask.log, "--frames": ask.frames}
-    if replayed is not None:
-        check_excluded("--replay", {**about, "--n": count, **files})
-    if slip is not None:
-        check_excluded("--sweep", {"--fault": ask.faults, **files, "--report": report})
+    check_excluded("--replay", replayed, {**about, "--n": count, **files})
+    check_excluded("--sweep", slip, {"--fault": ask.faults, **files, "--report": report})
     check_needed("--sweep", slip, {"--n": count})
     check_needed("--robot", robot, {"--dry-run": dry_run, "--yes": yes, "--speed": speed})
-    if robot is not None:
-        check_excluded("--robot", {"--sim": sim, **about, "--replay": replayed})
+    check_excluded("--robot", robot, {"--sim": sim, **about, "--replay": replayed})
     ask.check_outputs((), report)
     check_outputs({"--record": ask.film, "--log": ask.log, "--report": report})
     if replayed is not None:
@@ -154,7 +151,7 @@ def _replay(log: Path, program: Path | None, report: Path | None, *, as_json: bo
     check_not_read([report], [log, *([] if opened is None else opened.files)])
     events: list[Event] = []
     with live_view(header.cameras, pace=not as_json) as view:
-        run = replayed(log, opened, events.append, view)
+        run = run_of_log(log, opened, events.append, view)
     if run is not None:
         return _show(run, report, as_json=as_json)
     if report is not None or as_json:

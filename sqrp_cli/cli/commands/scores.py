@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.request import argument, flag, option
 from sqrp_cli.cli.command import command
-from sqrp_cli.cli.options import answer, check_needed, check_outputs, given, page_is_written, write_patch
+from sqrp_cli.cli.options import answer, check_excluded, check_needed, check_outputs, page_is_written, write_patch
 from sqrp_cli.cli.watch import watched
 from sqrp_cli.errors import ExitCode, InputError, Problem, bad_option
 from sqrp_cli.platform.files import check_not_read
@@ -75,8 +75,7 @@ def _score(
         raise bad_option("--resume needs the folder with the results", mend=mend)
     check_needed("--vary", vary, {"--draws": draws, "--patch": patch})
     check_needed("--baseline", baseline, {"--allow-missing": allow_missing})
-    if vary and given({"--baseline": baseline, **outputs}):
-        raise bad_option("--vary goes without baselines and reports")
+    check_excluded("--vary", vary, {"--baseline": baseline, **outputs})
     check_outputs(outputs)
     with connected(cluster, note, tls) as workers:
         means = ask.means(seed, workers)

@@ -217,8 +217,7 @@ def _explain(
 
     if watch:
         return watched({"--json": json})
-    if compared:
-        check_excluded("--all", {"--choose": ask.choose if ask.choose != "best" else None})
+    check_excluded("--all", compared, {"--choose": ask.choose if ask.choose != "best" else None})
     if images is not None:
         from sqrp_cli.show.pictures.pictures import check_pictures
 

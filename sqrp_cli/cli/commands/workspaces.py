@@ -202,10 +202,8 @@ def _init(ask: requests.InitRequest, *, json: bool = requests.JSON) -> ExitCode:
         named = ", ".join(f"`{word}`" for word in folders) or "none"
         raise bad_option(f"expected one folder, and arguments such as `ur_type:=ur5e`; found the folders {named}")
     folder = Path(folders[0])
-    if ask.robot is not None:
-        check_excluded("--robot", {"--urdf": ask.urdf, "--mjcf": ask.mjcf})
-    if ask.mjcf is not None:
-        check_excluded("--mjcf", {"--urdf": ask.urdf})
+    check_excluded("--robot", ask.robot, {"--urdf": ask.urdf, "--mjcf": ask.mjcf})
+    check_excluded("--mjcf", ask.mjcf, {"--urdf": ask.urdf})
     of_arm = {"--tip": ask.tip, "--package-root": ask.package_roots, "--gripper": ask.gripper, "an argument": given}
     check_needed("the arm of --robot or --urdf", ask.robot or ask.urdf or ask.mjcf or ask.moveit, of_arm)
     for root in ask.package_roots:
