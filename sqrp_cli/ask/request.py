@@ -159,11 +159,6 @@ class Request:
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{name}={one!r}' for name, one in vars(self).items())})"
 
-    def __eq__(self, other: object) -> bool:
-        return type(self) is type(other) and vars(self) == vars(other)
-
-    __hash__ = None  # type: ignore[assignment]
-
     def but(self, **changed: Any) -> Self:
         """The same question with some fields changed."""
         return type(self)(**{**vars(self), **changed})

@@ -29,8 +29,7 @@ from sqrp_cli.task.task import Task, read_task
 
 if TYPE_CHECKING:
     from sqrp_cli.ask.requests import ExplainRequest, RankRequest, TaskRequest
-    from sqrp_cli.cell.workspace import Workspace
-    from sqrp_cli.program.record import Program, Step
+    from sqrp_cli.program.record import Program
     from sqrp_cli.search.planned_step import PlannedStep
 
 
@@ -162,20 +161,16 @@ def _goes_on(path: Path, text: str, cell: Cell) -> tuple[int, World, bool]:
     from sqrp_cli.program.file import check_program, load_program
 
     steps = (program := load_program(path)).steps
-    again = _steps_of_task(steps, text, cell.workspace)
+    last, again = steps[-len(split_steps(text)) :], 0  # all that the task became, or none
+    if len(last) == 1:
+        again = int(last[0].task == text)
+    elif last:
+        candidates = read_task(text, cell.workspace, last[0].before.facts).candidates
+        known = [[one.task for one in candidate.steps] for candidate in candidates]
+        again = len(last) if [step.task for step in last] in known else 0
     anew = check_program(program, path, cell.workspace, again)
     start = cell.initial_world if anew or not steps else steps[-again].before if again else steps[-1].after
     return again, start, anew
-
-
-def _steps_of_task(steps: Sequence[Step], text: str, workspace: Workspace) -> int:
-    """How many of the last steps of a program are what a task became: all of the task's, or none."""
-    last = steps[-len(split_steps(text)) :]
-    if len(last) == 1:
-        return int(last[0].task == text)
-    task = read_task(text, workspace, last[0].before.facts) if last else None
-    known = [[one.task for one in candidate.steps] for candidate in (task.candidates if task else ())]
-    return len(last) if [step.task for step in last] in known else 0
 
 
 def assess(session: Session, ask: TaskRequest) -> Iterator[CandidateResult]:
