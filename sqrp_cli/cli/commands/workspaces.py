@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 
 from sqrp_cli.ask import requests, values
@@ -114,18 +115,17 @@ def _studio(
 
     check_server()
     check_libraries()
-    worker = WorkerProcess(workspace, seed, jobs)  # loads libraries while this one reads the workspace
-    try:
+    with closing(WorkerProcess(workspace, seed, jobs)) as worker:  # loads libraries while this one reads the workspace
         opened = open_with_warnings(workspace, seed)
         from sqrp_cli.studio.session import Studio
         from sqrp_cli.task.task import read_task
 
         known = opened.workspace
-        able = [*known.skills, *known.recordings]
-        if task is None and not known.tasks and not able:
+        tasks = [*(one.task for one in known.tasks), *known.skills, *known.recordings]
+        if task is None and not tasks:
             message = "the workspace has no skills, so there is nothing to rank"
             raise bad_option(message, known.whole_file, mend="list some under `skills`")
-        task = task or next((one.task for one in known.tasks), next(iter(able), ""))
+        task = task or tasks[0]
         read_task(task, known)
         studio = Studio(opened, task, jobs, worker)
         try:
@@ -136,8 +136,6 @@ def _studio(
             note("closed")
         finally:
             studio.under_way.end()
-    finally:
-        worker.close()
 
 
 @command("rules")
