@@ -72,10 +72,7 @@ def open_with_warnings(path: Path, seed: int = 0) -> OpenCell:
 def open_to_write(
     workspace: Path, seed: int, read: Iterable[Path | None], outputs: Mapping[str, Path | None]
 ) -> OpenCell:
-    """As `open_with_warnings`, once the files that are written are checked; read: other files that the command reads.
-
-    outputs: see `check_outputs`. Raises InputError where a file that is read would be written, too.
-    """
+    """As `open_with_warnings`, once outputs are checked, which no input may be. read: inputs besides the workspace."""
     from sqrp_cli.platform.files import check_not_read
 
     check_outputs(outputs)
@@ -132,10 +129,9 @@ def answer(result: Document, *, as_json: bool, **how: bool) -> None:
 
 
 def page_is_written(file: Path | None, write: Callable[..., None], **how: object) -> bool:
-    """Write a page, and show it where the command line says so, or say where it is; returns False if Ctrl-C came first.
+    """Write a page, if one is wanted, and show it or say where it is; returns False if Ctrl-C came first.
 
-    file: None if no page is wanted. write: takes the file, and the words of the command line, which the page shows.
-    how: what else it takes.
+    write: takes the file, and the words of the command line, which the page shows. how: what else it takes.
     """
     from sqrp_cli.show.terminal.console import note
 

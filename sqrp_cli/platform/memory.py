@@ -25,9 +25,6 @@ def collect_seldom() -> None:
 
 
 def collect_no_more() -> None:
-    """Exclude all objects from the garbage collection at exit, which would take a tenth of a second.
-
-    Not where OMPL was loaded: it lists on stderr whatever of it is left at exit.
-    """
+    """Leave out the garbage collection at exit, a tenth of a second; not with OMPL, which lists what is left then."""
     if "ompl" not in sys.modules:
         gc.freeze()

@@ -132,10 +132,7 @@ class Worker(Generic[Message, Answer]):
         theirs.close()
 
     def send(self, message: Message) -> None:
-        """Send a message to answer; if the process has died, `receive` raises it.
-
-        Blocks while the process is busy if messages are larger than the pipe's buffer.
-        """
+        """Send a message to answer; blocks while the process is busy with others that fill the pipe's buffer."""
         with suppress(OSError):
             self.pipe.send(message)
 

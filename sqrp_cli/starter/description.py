@@ -358,10 +358,7 @@ def find_moveit(folder: Path) -> MoveitConfig:
 
 
 def _moveit_beside(urdf: UrdfModel, around: tuple[Path, ...], warnings: list[Problem]) -> MoveitConfig | None:
-    """The configuration of a robot in the folders around its URDF; warnings: gets one where several fit as well.
-
-    It names the URDF, or its SRDF a robot of the same name; where one names the URDF, those that do not are left out.
-    """
+    """The configuration in folders around a URDF that names it or its robot; warnings: gets one where several do."""
     fitting = []
     for entry in (entry for folder in around if folder.is_dir() for entry in sorted(folder.iterdir())):
         if entry.is_dir() and ("moveit" in entry.name or (entry / ASSISTANT).is_file()):
@@ -379,10 +376,7 @@ def _moveit_beside(urdf: UrdfModel, around: tuple[Path, ...], warnings: list[Pro
 
 
 def _arm_tip(kinematics: Path | None, srdf: SrdfModel, urdf: UrdfModel) -> str | None:
-    """The link to which a tool is fixed: as solver, end effector or chain of the longest arm say.
-
-    Arms are groups of one chain, those with a solver first, then by number of joints; no grippers and pairs of arms.
-    """
+    """The link to which a tool is fixed: as solver, end effector or chain of the longest arm say."""
     document, at, tips = _read_hint(kinematics), tuple[str, ...](), dict[str, list[str]]()
     if document is not None:
         for key in ("/**", "ros__parameters", "robot_description_kinematics"):

@@ -209,10 +209,7 @@ def _shipped(robot: str, folder: Path) -> Path:
 
 
 def _tried(layout: Layout, arm: ArmGuess, advance: Callable[[int], object]) -> list[tuple[Layout, str]]:
-    """What the arm can do with a tool from one stand after the other, until there is enough; and why not more.
-
-    A layout with home position, reachable cubes and cameras, as far as they are found, for each stand.
-    """
+    """For one stand after the other, until there is enough: home, cubes in reach and cameras; and why not more."""
     bare, ways = _load(layout), list[tuple[Layout, Cell, Array]]()
     # Where the tool never points down, its frame may be upside down, or a limit of the wrist rounded.
     for out, limits in ((arm.out, ""), (-arm.out, ""), (arm.out, TOLERANT)):
