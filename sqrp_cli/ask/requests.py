@@ -333,10 +333,10 @@ class RunRequest(Request):
                 raise bad_option(f"{found}; {expected}")
             if str(self.film) != str(self.film).encode(errors="ignore").decode():
                 raise bad_option(f"{found}, which is not UTF-8 text; films are written by a library that needs it")
-        written = {self.called(name): getattr(self, name) for name in ("film", "log", "frames")}
-        written["--report" if self.by_words else "path"] = page
-        check_distinct(written)
-        check_not_read(written.values(), inputs)
+        files = {self.called("film"): self.film, self.called("log"): self.log}
+        files["--report" if self.by_words else "path"] = page
+        check_distinct({**files, self.called("frames"): self.frames})
+        check_not_read(files.values(), inputs)
 
 
 class AuditRequest(Request):
