@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import field
 from pathlib import Path
+from string import digits
 from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import Field, StringConstraints, Tag, model_validator
@@ -396,6 +397,11 @@ class Skill:
                 when = " until ".join(dict.fromkeys(self.pieces[name] for name in used if name in self.pieces))
                 said[one.name] = one.stated.words or f"`{one.name}` happens{f' ({when})' if when else ''}"
         return said
+
+    def of_fault(self, name: str) -> Requirement:
+        """The requirement that describes a fault; in recordings, `dropped2` is `dropped` in the second grasp."""
+        named = {one.name: one for one in self.requirements}
+        return named[name] if name in named else named[name.rstrip(digits)]
 
     @property
     def retried_faults(self) -> frozenset[str]:

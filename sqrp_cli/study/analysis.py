@@ -180,7 +180,6 @@ def _from_when_told(
     robot does not move.
     """
     by_atom, found = {target.atom: target for target in targets}, list[GroundOperator]()
-    settle = {one.name: one.stated.settle for one in candidate.skill.requirements}
     for one in formulas:
         boxes = [(literal, box) for literal in one.literals for box in by_atom[literal.atom].boxes]
         named = [object_of(str(literal.atom), box, stage.X_WO) for literal, box in boxes if literal.positive]
@@ -192,7 +191,8 @@ def _from_when_told(
                 X_BO = inverse(states.box_poses(box)) @ states.X_WF[name or ""]
                 inside &= (np.abs(X_BO[:, :3, 3]) <= 0.5 * np.array(box.size)).all(axis=1)
             if inside[0] and not inside.all():
-                one = replace(one, start=min(float(t[inside.argmin()]) + settle[one.fault], one.end))
+                settle = candidate.skill.of_fault(one.fault).stated.settle
+                one = replace(one, start=min(float(t[inside.argmin()]) + settle, one.end))
         found.append(one)
     return tuple(found)
 

@@ -154,7 +154,7 @@ def watched_faults(planned: PlannedMotion) -> tuple[tuple[Target, ...], tuple[Fa
         intervals = fault_intervals(planned.formulas, name)
         # When what the tool holds changes first after the last interval, less the time to settle.
         end, primitives = intervals[-1].end, planned.stage.motion.primitives
-        settle = max(one.stated.settle for one in planned.candidate.skill.requirements if one.name == name)
+        settle = planned.candidate.skill.of_fault(name).stated.settle
         at_end = next((p.held for p in reversed(primitives) if p.start < end - SAME_INSTANT), None)
         changes = [p.start for p in primitives if p.start > end - SAME_INSTANT and p.held != at_end]
         faults.append(

@@ -148,6 +148,9 @@ def described(one: CandidateResult) -> CandidateResult:
     candidate, way = one.candidate, one.way
     words = in_words(candidate.skill, candidate.all_parameters)
     happens = candidate.skill.fault_words if one.feasible else {}
+    for fault in one.faults.keys() - happens.keys() if one.feasible and not one.steps else ():  # of a later grasp
+        first = str(candidate.skill.of_fault(fault).name)
+        happens[fault] = f"{happens[first]} (grasp {fault.removeprefix(first)})"
     remarks = [candidate.skill.in_pieces(said) for said in one.remarks]
     ways = one.ways and replace(
         one.ways,

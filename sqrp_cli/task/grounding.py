@@ -53,8 +53,10 @@ def ground_formulas(candidate: Candidate, motion: Motion) -> tuple[GroundOperato
             of_it = everything if named <= {EPISODE} else taken
             if not recorded or (named <= known.keys() and asked <= of_it):
                 held = () if named <= {EPISODE} else otherwise.get(number, ())
-                own = _about_grasp(formula, number, held) if held else formula
-                found += ground_operators(own, known, motion.time, requirement.name)
+                own, fault = _about_grasp(formula, number, held) if held else formula, requirement.name
+                if own != formula and fault is not None:
+                    fault += number  # images show it otherwise, so it is another one
+                found += ground_operators(own, known, motion.time, fault)
     return tuple(dict.fromkeys(found)) if recorded else tuple(found)
 
 

@@ -264,6 +264,9 @@ def test_a_second_grasp_elsewhere_has_its_own_box_and_one_of_nothing_is_told(pla
     ranked = opened.rank("demo").candidates[0]
     assert "the gripper closes" in " ".join(ranked.remarks)
     assert ". At" in ranked.verdict
+    assert ranked.faults.keys() == {"dropped", "dropped2"}  # each by where its grasp holds it
+    assert all(one.delay_mean is not None for one in ranked.faults.values())
+    assert ranked.happens["dropped2"] == "g2 is dropped while it is carried (grasp 2)"
     assert "the gripper closes" in " ".join(opened.check("demo").candidates[0].reasons)
 
 
