@@ -97,10 +97,11 @@ class CameraBound:
     def corners(self) -> Array:
         """Corners in the world of all boxes that the camera must see, shape (n, 3); none if there are no boxes."""
         found = [np.empty((0, 3))]
-        for row, target in zip(self._row.tolist(), self._target.tolist(), strict=True):
-            for box in self.targets[target].boxes:
-                X_WB = self.states.box_poses(box)
-                found.append(transform(X_WB[row if len(X_WB) > 1 else 0], box_corners(box.size)))
+        for column, target in enumerate(self.targets):
+            for box in target.boxes:
+                X_WB = np.broadcast_to(self.states.box_poses(box), (self.states.count, 4, 4))
+                seen_at = X_WB[self._row[self._target == column]]
+                found.append(transform(seen_at, box_corners(box.size)).reshape(-1, 3))
         return np.concatenate(found)
 
     @property

@@ -193,20 +193,16 @@ def hidden_by(way: JudgedWay, site: Site, other: Site) -> Mask:
 
     Its body is a ball, and so counts what encloses each box: more than is hidden, never less.
     """
-    radius = 0.5 * site.entry.body
+    radius, count = 0.5 * site.entry.body, len(way.samples)
     sample, target = way.items
     hidden = np.zeros(len(sample), dtype=bool)
-    at = []  # both places in the world, in the sample of each item
-    for one in (site, other):
-        X_WF = way.states.X_WF[one.frame]
-        places = X_WF[:, :3, :3] @ one.position + X_WF[:, :3, 3]
-        at.append(places[sample if one.frame != WORLD else np.zeros_like(sample)])
-    ball, eye = at
+    # Both places in the world, in the sample of each item.
+    places = (transform(way.states.X_WF[one.frame], one.position[None])[:, 0] for one in (site, other))
+    ball, eye = (np.broadcast_to(place, (count, 3))[sample] for place in places)
     for column, entry in enumerate(way.planned.targets):
         rows = np.flatnonzero(target == column)
         for box in entry.boxes:
-            poses = way.states.box_poses(box)
-            center = (poses if len(poses) > 1 else np.repeat(poses, len(way.samples), axis=0))[sample[rows], :3, 3]
+            center = np.broadcast_to(way.states.box_poses(box)[:, :3, 3], (count, 3))[sample[rows]]
             reach = 0.5 * float(np.linalg.norm(box.size))
             axis = center - eye[rows]
             far = np.maximum(np.linalg.norm(axis, axis=1), 1e-9)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Literal
 
 from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.figures import NO_FIGURES
+from sqrp_cli.files.entries import from_fields
 from sqrp_cli.logic.domain import Domain, merge_domains
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.planner import Planner, PlanningResult, ProvenImpossible, find_plan
@@ -35,13 +36,13 @@ from sqrp_cli.task.task import read_task
 class Suggestion:
     """How planning for a candidate's precondition ended, and the plan if there is one."""
 
-    outcome: Literal["satisfied", "plan", "impossible", "gave_up"]
+    planning: Literal["satisfied", "plan", "impossible", "gave_up"]
     explanation: str  # one sentence; empty if the precondition holds already
     plan: list[PlannedStep] | None = None
     last: PlannedStep | None = None  # the candidate itself, after the plan; if it is feasible, every step is
 
     @property
-    def words(self) -> str:
+    def advice(self) -> str:
         """How planning ended; if a step of the plan cannot be done, which one and why."""
         failing = next((step for step in (*(self.plan or ()), self.last) if step and not step.feasible), None)
         if failing is None:
@@ -91,8 +92,7 @@ class Suggester:
                 if world is not None and self.wanted.fastest:  # only whether it can be done
                     motion = some_motion(self.cell, candidate, world)
                     reasons = motion.reasons if isinstance(motion, Infeasible) else ()
-                    figures = vars(NO_FIGURES)
-                    result = CandidateResult(candidate=candidate, feasible=not reasons, reasons=reasons, **figures)
+                    result = replace(CandidateResult.infeasible(candidate, reasons), feasible=not reasons)
                 elif world is not None:
                     result = RankJob(cell=self.cell, world=world).assess(candidate)
                 first = f"first do {', then '.join(map(str, steps))}"
@@ -188,18 +188,15 @@ def check_candidate(candidate: Candidate, suggester: Suggester) -> CheckedCandid
         outside += [] if isinstance(found, Infeasible) else formulas_outside(candidate, found)
     reasons = () if isinstance(found, Motion) else found.reasons
     time, remarks = (None, ()) if isinstance(found, Infeasible) else (found.time, found.remarks)
-    return CheckedCandidate(
-        parameters=candidate.parameters,
+    return from_fields(
+        CheckedCandidate,
+        candidate,
+        suggestion,
         feasible=not reasons,
         reasons=list(map(candidate.skill.in_pieces, reasons)),
         time=time,
-        plan=suggestion.plan,
-        last=suggestion.last,
-        planning=suggestion.outcome,
-        name=candidate.name,
         objects=dict(candidate.binding),
         remarks=tuple(map(candidate.skill.in_pieces, remarks)),
-        advice=suggestion.words,
         candidate=candidate,
         outside=tuple(outside),
     )

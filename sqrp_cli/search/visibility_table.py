@@ -209,9 +209,8 @@ class VisibilityTable:
 
     def cell_with(self, cameras: Iterable[Camera]) -> Cell:
         """The cell with these cameras and no others."""
-        cell, together = self.question.cell, {camera.name: camera for camera in cameras}
-        workspace = replace(cell.workspace, cameras=together)
-        return replace(cell, workspace=workspace, observer=replace(cell.observer, cameras=tuple(together.values())))
+        cell = self.question.cell
+        return cell.with_cameras_of(replace(cell.workspace, cameras={one.name: one for one in cameras}))
 
     def watched(self, cameras: Iterable[Camera], ways: Sequence[int], spare: int = 0) -> list[Timeline]:
         """What cameras see of ways, exactly; spare: counted is only what so many more cameras see than is needed."""

@@ -65,12 +65,12 @@ def holding(cell: Cell) -> World:
 
 def test_a_precondition_that_holds_needs_no_plan(cell: Cell) -> None:
     suggestion = Suggester(cell, cell.initial_world).suggest(candidate(cell, "pickup g2"))
-    assert (suggestion.outcome, suggestion.plan, suggestion.explanation) == ("satisfied", None, "")
+    assert (suggestion.planning, suggestion.plan, suggestion.explanation) == ("satisfied", None, "")
 
 
 def test_a_full_hand_is_emptied_first_and_the_step_is_scored(cell: Cell, holding: World) -> None:
     suggestion = Suggester(cell, holding).suggest(candidate(cell, "pickup g3"))
-    assert suggestion.outcome == "plan"
+    assert suggestion.planning == "plan"
     assert suggestion.plan is not None
     (step,) = suggestion.plan
     assert (step.action, step.feasible, step.reasons) == ("drop(g2)", True, [])
@@ -93,7 +93,7 @@ def test_of_many_candidates_it_is_asked_whether_they_can_be_done_and_the_best_ha
 
 def test_what_no_skill_can_establish_is_said_to_be_impossible(cell: Cell, holding: World) -> None:
     suggestion = Suggester(cell, holding).suggest(candidate(cell, "pickup g2"))
-    assert suggestion.outcome == "impossible"
+    assert suggestion.planning == "impossible"
     assert "`obj_on_table(g2)`" in suggestion.explanation
     assert "hand_empty" not in suggestion.explanation
 

@@ -132,7 +132,7 @@ def find_advice(cell: Cell, ask: AdviseRequest, content: bytes | None = None) ->
             return found
         if not best.feasible and not best.candidate.steps:
             suggester = Suggester(session.cell, question.world, jobs=ask.jobs)
-            found = replace(found, first=suggester.suggest(best.candidate).words or None)
+            found = replace(found, first=suggester.suggest(best.candidate).advice or None)
         remembered = partial(kept_search, results, _all_it_depends_on(session, question), [*workspace.skills.values()])
         try:
             with ask.progress(f"Searching for {goal}", len(KINDS if ask.kinds is None else ask.kinds)) as advance:
