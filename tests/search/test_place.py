@@ -25,7 +25,7 @@ from sqrp_cli.search.place import CameraPlacer
 from sqrp_cli.search.placing_problem import Requirements
 from sqrp_cli.search.placing_program import PlacementProgram
 from sqrp_cli.search.placing_result import PlaceDocument
-from sqrp_cli.search.sites import Installation, verdicts_of
+from sqrp_cli.search.sites import Installation, hidden_by, verdicts_of
 from sqrp_cli.search.visibility_table import PlaceQuestion
 from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
@@ -196,6 +196,19 @@ lenses:
     wanted = Requirements(goal=Goal(q_eoi=0.1), failure_tolerance=1)
     met = [placer(cell, tmp_path, text.replace("30 cm", body), wanted).place().met for body in ("30 cm", "2 mm")]
     assert met == [False, True]
+
+
+def test_a_camera_on_the_base_hides_what_one_hides_at_the_same_place_of_the_world(pair):
+    asked, _, _ = pair
+    (way,), far = asked.table.ways, asked.table.options[-1]
+    half_way = replace(far.site, position=0.5 * (far.site.position + far.at), entry=SimpleNamespace(body=0.3))
+    X_LW = inverse(way.states.X_WF["base_link"][0])
+    on_base = [
+        replace(one, frame="base_link", position=(X_LW @ [*one.position, 1.0])[:3]) for one in (half_way, far.site)
+    ]
+    hidden = hidden_by(way, half_way, far.site)
+    assert hidden.any()
+    np.testing.assert_array_equal(hidden_by(way, *on_base), hidden)
 
 
 def test_nothing_stands_where_the_robot_moves(cell, tmp_path):
