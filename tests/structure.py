@@ -35,7 +35,7 @@ ROOMS = {
     "motion": ("motion", 2_954),
     "sight": ("kernel sight", 1_315),
     "study": ("study", 4_505),
-    "search": ("search", 4_301),
+    "search": ("search", 4_294),
     "checks": ("checks", 1_347),
     "run": ("run", 7_110),
     "field": ("field ros", 2_911),
