@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from sqrp_cli.camera.camera import Camera
-from sqrp_cli.geometry import Array, pose
+from sqrp_cli.geometry import Array
 from sqrp_cli.records import dataclass
 from sqrp_cli.skill.target_box import TargetBox
 
@@ -26,8 +26,3 @@ class SceneStates:
     def box_poses(self, box: TargetBox) -> Array:
         """World poses of a target box, shape (m or 1, 4, 4)."""
         return self.X_WF[box.frame] @ box.X_FB
-
-
-def fixed_frame(X_WF: Array | None = None) -> Array:
-    """A frame that never moves, as an entry of `SceneStates.X_WF`; the world's origin by default."""
-    return (pose() if X_WF is None else X_WF)[None]

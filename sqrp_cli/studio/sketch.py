@@ -18,9 +18,8 @@ from sqrp_cli.show.documents.analysis_shown import verdict_shown
 from sqrp_cli.show.documents.explanation import Verdict
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import first_failing
-from sqrp_cli.study.observation import observation_of
 from sqrp_cli.study.sampling import FixedStep, first_samples
-from sqrp_cli.study.timeline import PlannedMotion, SampledMotion, Timeline
+from sqrp_cli.study.timeline import PlannedMotion, SampledMotion, Timeline, observation_of
 from sqrp_cli.study.whole_analysis import mean_quality
 
 SHORTEST, MOST = 0.1, 250  # least time between the instants of a sketch [s], and about how many there are at most

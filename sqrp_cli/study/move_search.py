@@ -19,9 +19,8 @@ from sqrp_cli.motion.timing import MotionLimits
 from sqrp_cli.motion.way_around import motion_through
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.observer import Observer
-from sqrp_cli.study.observation import look_at
 from sqrp_cli.study.stage import Samples
-from sqrp_cli.study.timeline import PlannedMotion
+from sqrp_cli.study.timeline import PlannedMotion, look_at
 from sqrp_cli.trajectory import JointSpan, Trajectory
 
 
@@ -45,7 +44,7 @@ def blind_times(
     ends = np.array([stage.pieces[index].end for index in pieces[:-1]])
     piece = pieces[np.searchsorted(ends, timed.start + share * (timed.end - timed.start))]
     at = Samples(np.tile(piece, len(trajectories)), np.zeros(len(q)))
-    blind = look_at(observer, stage, planned.targets, at, q=q).blind.reshape(len(trajectories), samples)
+    blind = look_at(observer, planned, at, q=q).blind.reshape(len(trajectories), samples)
     times: Array = blind.mean(axis=1) * np.array([trajectory.duration for trajectory in trajectories])
     return times
 

@@ -22,11 +22,10 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.skill.skill import HOME
 from sqrp_cli.study.analysis import Analysis, all_observed, planned_motion
 from sqrp_cli.study.move_search import COST_DECIMALS, EXACTLY, SETTLED, MoveSearch, SeenPath, exchange
-from sqrp_cli.study.observation import look_at
 from sqrp_cli.study.result import BlindEnd
 from sqrp_cli.study.sampling import Adaptive, Sampling
 from sqrp_cli.study.stage import Samples
-from sqrp_cli.study.timeline import PlannedMotion, Timeline
+from sqrp_cli.study.timeline import PlannedMotion, Timeline, look_at
 from sqrp_cli.task.feasibility import feasible_motion
 from sqrp_cli.task.task import Candidate
 from sqrp_cli.trajectory import JointPath, Trajectory
@@ -192,7 +191,7 @@ def _glance(cell: Cell, planned: PlannedMotion) -> Array:
     ]
     t = np.concatenate(times)
     samples = Samples(np.searchsorted([p.end for p in stage.pieces[:-1]], t), t)
-    blind = look_at(cell.observer, stage, planned.targets, samples).blind
+    blind = look_at(cell.observer, planned, samples).blind
     at = np.array([piece.primitive for piece in stage.pieces])[samples.piece]
     step = np.array([p.end - p.start for p in primitives]) / np.maximum(np.bincount(at, minlength=len(counts)), 1)
     uncovered = (blind, blind & stage.of_interest(samples))

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.files.frames import carried_poses, frame_poses
-from sqrp_cli.geometry import Array, Indices, Mask
+from sqrp_cli.geometry import Array, Indices, Mask, pose
 from sqrp_cli.motion.fingers import closed_behind
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
+from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import Target
 from sqrp_cli.task.pieces import Piece
 
@@ -129,9 +129,9 @@ class Stage:
     @cached_property
     def resting(self) -> dict[str, Array]:
         """World poses of the objects that the motion does not carry, and of all at its start, shape (1, 4, 4) each."""
-        starts = {name: fixed_frame(X_start) for name, X_start in self.X_WO.items()}
+        starts = {name: X_start[None] for name, X_start in self.X_WO.items()}
         objects = {name: X_start for name, X_start in starts.items() if name not in self.carried}
-        return frame_poses({}, objects, starts, fixed_frame())
+        return frame_poses({}, objects, starts, pose()[None])
 
     def by_primitive(self, samples: Samples) -> list[tuple[int, slice]]:
         """The primitives with samples, and the slices of these."""
@@ -169,4 +169,4 @@ def states_of(stages: Sequence[Stage], samples: Sequence[Samples], q: Sequence[A
         if len(poses[0]) > 1 or not all(np.array_equal(X, poses[0]) for X in poses):
             lasting = (np.broadcast_to(X, (count, 4, 4)) for X, count in zip(poses, counts, strict=True))
             objects[name] = np.concatenate(list(lasting))
-    return SceneStates(sum(counts), frame_poses(links, objects, {}, fixed_frame()))
+    return SceneStates(sum(counts), frame_poses(links, objects, {}, pose()[None]))

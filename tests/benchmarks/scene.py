@@ -15,7 +15,7 @@ from sqrp_cli.logic.literal import Atom
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.shapes import Box, Mesh, Part
 from sqrp_cli.sight.observer import Observer
-from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
+from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.sight_scene import shrink
 from sqrp_cli.sight.solids import Solid, load_solids
 from sqrp_cli.sight.targets import SoughtBox, Target
@@ -74,7 +74,7 @@ def make_scene(
     frames = {
         name: X[:1] if np.array_equal(X[0], X[-1]) and np.ptp(X, axis=0).max() == 0 else X for name, X in frames.items()
     }
-    frames[WORLD] = fixed_frame()
+    frames[WORLD] = pose()[None]
     return BenchmarkScene(
         Observer(tuple(_camera(i, cameras) for i in range(cameras)), tuple(solids)),
         SceneStates(states, frames),

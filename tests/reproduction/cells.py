@@ -10,10 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.geometry import pose
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
+from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import Target
 from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.ranking import rank
@@ -132,7 +133,7 @@ def seeing_at_home(cell: Cell, name: str, like: Analysis) -> frozenset[str]:
     """Cameras that see where an object stands while the robot is at home, as they have to see that of a analysis."""
     (box,) = next(target.boxes for target in like.planned.targets if target.atom.predicate == "obj_on_table")
     sought = replace(box, frame=name, encloses=(name,), seeks=name)
-    objects = {thing: fixed_frame(X_WO) for thing, X_WO in cell.initial_world.X_WO.items()}
-    states = SceneStates(1, {"world": fixed_frame(), **cell.model.link_poses(cell.model.home[None]), **objects})
+    objects = {thing: X_WO[None] for thing, X_WO in cell.initial_world.X_WO.items()}
+    states = SceneStates(1, {"world": pose()[None], **cell.model.link_poses(cell.model.home[None]), **objects})
     ((seen,),) = cell.observer.verdicts([Target(Atom("obj_on_table", (name,)), 1, (sought,))], states)
     return cameras_where(cell, seen.cause[0] == Cause.NONE)

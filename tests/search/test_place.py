@@ -18,7 +18,7 @@ from sqrp_cli.ask.values import silent
 from sqrp_cli.camera.camera import ImageEntry
 from sqrp_cli.camera.light import Light
 from sqrp_cli.cell.mounts import LensEntry, Site, read_mounts
-from sqrp_cli.geometry import inverse, look_at
+from sqrp_cli.geometry import inverse, look_at, pose
 from sqrp_cli.search import place
 from sqrp_cli.search.goal import Goal
 from sqrp_cli.search.place import CameraPlacer
@@ -28,7 +28,7 @@ from sqrp_cli.search.placing_result import PlaceDocument
 from sqrp_cli.search.sites import Installation, hidden_by, verdicts_of
 from sqrp_cli.search.visibility_table import PlaceQuestion
 from sqrp_cli.sight.observer import Observer, sees_all
-from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
+from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.study.analysis import analysed
 from sqrp_cli.study.sampling import Adaptive, FixedStep, first_samples
 from sqrp_cli.task.task import read_task
@@ -375,7 +375,7 @@ def _share(stage, X_WC, X_WB, box) -> float:
 
 ABOVE = look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 """A camera that sees the top of the cube alone."""
-STATES = SceneStates(1, {"world": fixed_frame(), "cube": fixed_frame()})
+STATES = SceneStates(1, {"world": pose()[None], "cube": pose()[None]})
 
 IMAGE = ImageEntry(width=640, height=480, horizontal_fov=1.0)
 LENSES = {

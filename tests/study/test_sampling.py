@@ -21,7 +21,6 @@ from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.study.analysis import Analysis, analyse
-from sqrp_cli.study.observation import look_at, look_closely
 from sqrp_cli.study.sampling import (
     DEFAULT_TOLERANCE,
     MAX_MOTION,
@@ -33,7 +32,7 @@ from sqrp_cli.study.sampling import (
     longest_step,
 )
 from sqrp_cli.study.stage import Samples, Stage
-from sqrp_cli.study.timeline import Timeline, observe
+from sqrp_cli.study.timeline import Timeline, look_at, look_closely, observe
 from sqrp_cli.task.pieces import cut_into_pieces, monitored_times
 from sqrp_cli.task.task import read_task
 from tests.cells import read_cases
@@ -264,8 +263,8 @@ def test_pieces_begin_and_end_where_the_formulas_say(text: str, T: float, T_eoi:
 def test_a_look_sees_what_a_close_look_sees(seed: int, ur5: RobotModel) -> None:
     motion = watched_motion(seed, ur5, min_visible=1.0 if seed % 2 else 0.5)
     samples = first_samples(FixedCount(9), motion.stage, motion.observer, motion.targets)
-    found = look_at(motion.observer, motion.stage, motion.targets, samples)
-    close = look_closely(motion.observer, motion.stage, motion.targets, samples)
+    found = look_at(motion.observer, motion.planned, samples)
+    close = look_closely(motion.observer, motion.planned, samples)
     for name in ("looked", "required", "known", "covered"):
         assert np.array_equal(getattr(found, name), getattr(close, name)), name
     assert np.array_equal(found.response, close.response, equal_nan=True)
@@ -277,13 +276,13 @@ def test_a_look_sees_what_a_close_look_sees(seed: int, ur5: RobotModel) -> None:
 def test_what_neighbours_agree_on_is_kept_and_the_rest_is_looked_at(seed: int, ur5: RobotModel) -> None:
     motion = watched_motion(seed, ur5)
     samples = first_samples(FixedCount(9), motion.stage, motion.observer, motion.targets)
-    seen = look_at(motion.observer, motion.stage, motion.targets, samples)
+    seen = look_at(motion.observer, motion.planned, samples)
     rows = np.arange(len(samples) - 1)
     known = seen.agreed(rows, rows + 1)
     between = Samples(samples.piece[:-1], samples.t[:-1])  # the same instants: the answer is known
-    again = look_at(motion.observer, motion.stage, motion.targets, between, known)
+    again = look_at(motion.observer, motion.planned, between, known)
     assert np.array_equal(again.covered, seen.covered[:-1])
     assert known.known.any()
     assert not known.known.all()
     nothing = Samples(np.zeros(0, dtype=np.int64), np.zeros(0))
-    assert len(look_at(motion.observer, motion.stage, motion.targets, nothing).covered) == 0
+    assert len(look_at(motion.observer, motion.planned, nothing).covered) == 0

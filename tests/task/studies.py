@@ -21,10 +21,9 @@ from sqrp_cli.shapes import Cylinder, Part
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.solids import load_solids
 from sqrp_cli.sight.targets import Target
-from sqrp_cli.study.observation import Observation
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.stage import Samples, Stage
-from sqrp_cli.study.timeline import PlannedMotion, Timeline, observe
+from sqrp_cli.study.timeline import Observation, PlannedMotion, Timeline, observe
 from sqrp_cli.task.pieces import cut_into_pieces, monitored_times
 from sqrp_cli.trajectory import Trajectory
 from tests.sight.views import box_part, camera_pose_around, make_box, make_camera, make_detector, random_pose
@@ -44,9 +43,11 @@ class WatchedMotion:
     faults: Mapping[str, tuple[int, ...]]
 
     def timeline(self, sampling: Sampling, *, full: bool = False) -> Timeline:
-        return observe(
-            planned_about(self.stage, self.targets, self.formulas, self.faults), self.observer, sampling, full=full
-        )
+        return observe(self.planned, self.observer, sampling, full=full)
+
+    @property
+    def planned(self) -> PlannedMotion:
+        return planned_about(self.stage, self.targets, self.formulas, self.faults)
 
 
 def planned_about(

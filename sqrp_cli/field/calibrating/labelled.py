@@ -43,7 +43,7 @@ from sqrp_cli.run.record.images import LONGEST_NAME, file_in, table_rows
 from sqrp_cli.run.robot_body import RobotBody
 from sqrp_cli.sight.likelihood import likelihoods
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
+from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import SoughtBox, Target
 from sqrp_cli.skill.target_box import TargetBox
 
@@ -282,5 +282,5 @@ def _states(robot: RobotBody, believed: Sequence[BelievedState], starts: Mapping
     X_WL = [robot.link_poses(one.joints) for one in believed]
     links = {link: np.stack([X[link] for X in X_WL]) for link in X_WL[0]}
     objects = {name: np.stack([one.X_WO[name] for one in believed]) for name in believed[0].X_WO}
-    fixed = {name: fixed_frame(X) for name, X in starts.items()}
-    return SceneStates(len(believed), frame_poses(links, objects, fixed, fixed_frame()))
+    fixed = {name: X[None] for name, X in starts.items()}
+    return SceneStates(len(believed), frame_poses(links, objects, fixed, pose()[None]))

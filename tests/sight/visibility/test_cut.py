@@ -11,7 +11,7 @@ from sqrp_cli.geometry import BOX_SIGNS, Array, pose, transform
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.shapes import Box, Part
 from sqrp_cli.sight.observer import Observer
-from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
+from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import load_solid
 from sqrp_cli.sight.targets import Target
 from tests.sight.plain_geometry import through_box
@@ -54,7 +54,7 @@ def test_a_box_is_usually_seen_that_shows_enough_within_the_image(
     lens: DistortionModel, distortion: tuple[float, ...], *, hidden: bool
 ) -> None:
     rng = np.random.default_rng(27)
-    camera, states = make_camera(model=lens, distortion=distortion), SceneStates(1, {"world": fixed_frame()})
+    camera, states = make_camera(model=lens, distortion=distortion), SceneStates(1, {"world": pose()[None]})
     answers = {False: 0, True: 0}
     for _ in range(120):
         size, depth = rng.uniform(0.03, 0.08, 3), rng.uniform(0.3, 0.8)
