@@ -40,20 +40,26 @@ USUAL_DETECTORS = {
 """The detector of what is watched where a workspace names none: half of a thing of 8 pixels is enough."""
 
 
-def _instant(value: object) -> float | str:
-    read = read_quantity(value)
-    if read is not None and read.dimension in (None, TIME) and 0.0 <= read.value <= LONGEST:
-        return read.value
-    if isinstance(value, str) and re.fullmatch(r"(grasp|release)([2-9]|[1-9][0-9]+)?", value):
-        return value
-    raise refused("wrong-value", f"found {describe(value)}, expected `grasp`, `release2` and the like, or a time")
+def _held(value: object) -> int | tuple[float, float]:
+    if isinstance(value, list) and len(value) == 2:
+        start, end = map(str, value)
+        grasp = re.fullmatch(r"grasp([2-9]|[1-9][0-9]+)?", start)
+        if grasp is not None and end == start.replace("grasp", "release"):
+            return int(grasp[1] or 1)
+        times = [one.value for one in map(read_quantity, value) if one is not None and one.dimension in (None, TIME)]
+        if len(times) == 2 and 0.0 <= times[0] < times[1] <= LONGEST:
+            return times[0], times[1]
+    expected = "[grasp, release], [grasp2, release2] or two rising times"
+    raise refused("wrong-value", f"found {describe(value)}, expected {expected}")
 
 
-Instant = Annotated[
-    float | str,
-    PlainValidator(_instant),
-    WithJsonSchema({"type": ["number", "string"], "minimum": 0, "maximum": LONGEST}),
+_INSTANT = {"type": ["number", "string"], "minimum": 0, "maximum": LONGEST}
+HeldWhen = Annotated[
+    int | tuple[float, float],
+    PlainValidator(_held),
+    WithJsonSchema({"type": "array", "items": _INSTANT, "minItems": 2, "maxItems": 2}),
 ]
+"""The number of a grasp, from 1, or from when to when [s]."""
 
 
 class RecordedJointEntry(Entry):
@@ -96,22 +102,9 @@ class RecordedObjectEntry(Entry):
     color: Text | None = None
     """What detectors of colours look for."""
     pose: Pose | None = Field(default=None, description="Where it begins in every episode, if that is known.")
-    held: Annotated[list[Instant], Field(min_length=2, max_length=2)] | None = None
+    held: HeldWhen | None = None
     """From the end of which phase to the start of which, such as [grasp2, release2], or from when to when [s]; by
     default of an object alone in every grasp, else of each in one."""
-
-    @model_validator(mode="after")
-    def _from_grasp_to_release(self) -> RecordedObjectEntry:
-        match self.held:
-            case [float() as start, float() as end]:
-                fits = start < end
-            case [str() as start, str() as end]:
-                fits = start.replace("grasp", "release") == end != start
-            case stated:
-                fits = stated is None
-        if not fits:
-            raise refused("wrong-value", "expected [grasp, release], [grasp2, release2] or two rising times")
-        return self
 
 
 class RecordingEntry(Entry):
@@ -179,21 +172,19 @@ class RecordedTask:
     @property
     def held_seconds(self) -> list[tuple[float, float]]:
         """From when to when something is held, in order [s]; empty where objects are not stated in seconds."""
-        spans = (one.held for one in self.objects.values() if one.held is not None)
-        return sorted((start, end) for start, end in spans if isinstance(start, float) and isinstance(end, float))
+        return sorted(one.held for one in self.objects.values() if isinstance(one.held, tuple))
 
     def held_in(self, number: int, start: float) -> str | None:
         """The object that is held in the grasp of a number, from 0, that begins at a time [s]; None if none is."""
-        stated = {one.held[0]: name for name, one in self.objects.items() if one.held is not None}
-        if self.held_seconds:
-            return stated.get(start)
+        if spans := {one.held[0]: name for name, one in self.objects.items() if isinstance(one.held, tuple)}:
+            return spans.get(start)
+        stated: dict[object, str] = {one.held: name for name, one in self.objects.items() if one.held is not None}
         others = [name for name, one in self.objects.items() if one.held is None]
         if len(others) == len(self.objects) == 1:
             return others[0]
         # Those of which nothing is said are held once each, in order, in the grasps that are left.
-        calls = [f"grasp{index or ''}" for index in (0, *range(2, number + 2))]
-        left = [call for call in calls if call not in stated]
-        return stated.get(calls[number]) or dict(zip(left, others, strict=False)).get(calls[number])
+        left = (one for one in range(1, number + 2) if one not in stated)
+        return (stated | dict(zip(left, others, strict=False))).get(number + 1)
 
 
 def recorded_scene_objects(
@@ -222,14 +213,15 @@ def _overlapping(
     document: SourceDocument, at: KeyPath, objects: Mapping[str, RecordedObjectEntry]
 ) -> Iterator[Problem]:
     """Problems with what the objects of a recording say of when they are held: one hand holds one thing at a time."""
-    spans = {name: one.held for name, one in objects.items() if one.held is not None}
-    if len({type(start) for start, _ in spans.values()}) > 1:
-        name = next(name for name, (start, _) in spans.items() if isinstance(start, str))
+    held = {name: one.held for name, one in objects.items() if one.held is not None}
+    numbered = [name for name, one in held.items() if isinstance(one, int)]
+    if 0 < len(numbered) < len(held):
         message = "found a phase here and seconds at another object; expected either of them for all"
-        yield document.problem("conflicting-keys", (*at, "objects", name, "held"), message)
+        yield document.problem("conflicting-keys", (*at, "objects", numbered[0], "held"), message)
         return
+    spans = {name: (one, one + 1) if isinstance(one, int) else one for name, one in held.items()}
     for (one, (_, end)), (other, (start, _)) in pairwise(sorted(spans.items(), key=lambda span: span[1])):
-        if start == spans[one][0] or (isinstance(start, float) and isinstance(end, float) and start < end):
+        if start < end:
             message = f"`{other}` is held while `{one}` is; expected one thing at a time"
             yield document.problem("wrong-value", (*at, "objects", other, "held"), message)
 
