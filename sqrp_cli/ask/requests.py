@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     from sqrp_cli.study.sampling import Sampling
 
 Ways = Literal["best", "all", "first"]
-Certificates = tuple[Path, Path, Path]
-"""Files of a certificate of an authority, of one's own, and of its key."""
+Certificates = tuple[Path, Path, Path]  # files of a certificate of an authority, of one's own, and of its key
 AnyPath = Any  # a path, which Python may also give as text
 TASK = values.text("a skill and what to do it with, such as `pickup green`")
 

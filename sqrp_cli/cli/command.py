@@ -47,8 +47,7 @@ OPTIONS = {
     "Output": "all report open images patch junit summary save-baseline log record frames watch json help",
 }
 """Groups of all other options; those of none stand between."""
-FEW = 9
-"""So many options need no groups."""
+FEW = 9  # so many options need no groups
 
 
 class GroupedCommands(TyperGroup):

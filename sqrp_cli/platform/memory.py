@@ -6,8 +6,7 @@ import gc
 import sys
 from contextlib import suppress
 
-_NEW_OBJECTS = 200_000
-"""Number of new lists, dicts and records that triggers a garbage collection."""
+_NEW_OBJECTS = 200_000  # number of new lists, dicts and records that triggers a garbage collection
 
 
 def give_back_memory() -> None:

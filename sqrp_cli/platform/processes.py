@@ -35,8 +35,7 @@ Result = TypeVar("Result")
 Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 """Shows how far work is: takes a title and the number of parts; what it yields counts those that are done."""
 PATIENCE = 1.0  # a process that takes longer than this to end [s] is killed
-MOST_PER_CORE = 8
-"""More workers gain nothing, and a slip of the hand in `--jobs` would take all memory."""
+MOST_PER_CORE = 8  # more workers gain nothing, and a slip of the hand in `--jobs` would take all memory
 _CAN_FORK = "fork" in multiprocessing.get_all_start_methods()
 _pipes: WeakSet[Connection] = WeakSet()  # our ends of the pipes to all workers
 

@@ -294,8 +294,7 @@ class MoveitConfig:
 
     folder: Path
     srdfs: Sequence[Path]  # the one that it states first
-    urdf: str | None
-    """The URDF that it was made of, `package://...`; None if it does not say."""
+    urdf: str | None  # the URDF that it was made of, `package://...`; None if it does not say
     arguments: Mapping[str, str]  # of that URDF, if it is a xacro
     own: Sequence[Path]  # the xacros of URDFs in it, the one named as an SRDF first
 

@@ -22,8 +22,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.starter.layout import RECORDED, Cube, Layout
 from sqrp_cli.starter.search import views_of
 
-FIRST_EPISODES, TAKEN = 4, 400
-"""So many episodes tell what is guessed, by so many states of each at most."""
+FIRST_EPISODES, TAKEN = 4, 400  # so many episodes tell what is guessed, by so many states of each at most
 WITHIN_TURN = 6.5  # numbers beyond it are no radians
 MUCH = 5.0  # numbers of a joint that slides are in mm, if they are so many times as large as its limits
 SLACK = 0.2  # degrees may be as far past the limits of a joint, as zeros of joints differ [rad]

@@ -30,8 +30,7 @@ class Grip:
     X_RT: Array
     """The frame that grasps in the link that carries the fingers: between their tips, z out, y along which they close;
     shape (4, 4)."""
-    single: bool = False
-    """Whether one jaw stands still: the frame lies on its face, y to the other one."""
+    single: bool = False  # whether one jaw stands still: the frame lies on its face, y to the other one
 
 
 def driven_joints(joints: Collection[UrdfJoint], carried: Collection[str]) -> list[UrdfJoint]:

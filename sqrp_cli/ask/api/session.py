@@ -41,12 +41,9 @@ class Session:
     job: RankJob
     again: int = 0
     """How many of the last steps of the program that is written are of this task already: they are replaced."""
-
     anew: bool = False
     """Whether these are all its steps, of the workspace before it was changed: the program is written anew."""
-
-    windows: float | None = None
-    """How long a camera needs a free view, if that is asked for [s]."""
+    windows: float | None = None  # how long a camera needs a free view, if that is asked for [s]
 
     @property
     def cell(self) -> Cell:
