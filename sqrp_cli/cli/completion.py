@@ -82,10 +82,9 @@ def tasks(ctx: typer.Context, incomplete: str) -> list[str]:
     """Tasks that go on as typed: the workspace's own, or one more word of a task."""
     from sqrp_cli.task.task import longer_tasks
 
-    workspace = _workspace(ctx.params.get("workspace"))
-    if workspace is None:
-        return []
-    return _proposed((*(one.task for one in workspace.tasks), *longer_tasks(incomplete, workspace)), incomplete)
+    known = _workspace(ctx.params.get("workspace"))
+    listed = (*(one.task for one in known.tasks), *longer_tasks(incomplete, known)) if known else ()
+    return _proposed(listed, incomplete)
 
 
 def example_task(path: Path | None) -> str:
