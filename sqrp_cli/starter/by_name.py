@@ -15,22 +15,14 @@ _UR = ("ur3", "ur5", "ur10", "ur3e", "ur5e", "ur7e", "ur10e", "ur12e", "ur15", "
 _TROSSEN = ("px100", "px150", "rx150", "rx200", "wx200", "wx250", "wx250s", "vx250", "vx300", "vx300s")
 
 ROBOTS: Mapping[str, str] = {
-    "panda": f"{_DATA}/panda_description/urdf/panda.urdf",
-    "ur3": f"{_DATA}/ur_description/urdf/ur3_robot.urdf",
-    "ur5": f"{_DATA}/ur_description/urdf/ur5_robot.urdf",
-    "ur10": f"{_DATA}/ur_description/urdf/ur10_robot.urdf",
-    "so100": f"{_DATA}/so_arm_description/urdf/so100.urdf",
-    "so101": f"{_DATA}/so_arm_description/urdf/so101.urdf",
+    **{name: f"{_DATA}/{name}_description/urdf/{name}.urdf" for name in ("panda", "z1", "baxter", "pr2")},
+    **{name: f"{_DATA}/ur_description/urdf/{name}_robot.urdf" for name in ("ur3", "ur5", "ur10")},
+    **{name: f"{_DATA}/so_arm_description/urdf/{name}.urdf" for name in ("so100", "so101")},
     "xarm7": f"{_DATA}/xarm_description/urdf/xarm7.urdf",
     "kinova": f"{_DATA}/kinova_description/robots/kinova.urdf",
-    "z1": f"{_DATA}/z1_description/urdf/z1.urdf",
-    "baxter": f"{_DATA}/baxter_description/urdf/baxter.urdf",
-    "pr2": f"{_DATA}/pr2_description/urdf/pr2.urdf",
-    "tiago": f"{_DATA}/tiago_description/robots/tiago.urdf",
-    "tiago_dual": f"{_DATA}/tiago_description/robots/tiago_dual.urdf",
+    **{name: f"{_DATA}/tiago_description/robots/{name}.urdf" for name in ("tiago", "tiago_dual")},
     "tiago_pro": f"{_DATA}/tiago_pro_description/robots/tiago_pro.urdf",
-    "ur3e": f"{_AIRO}/arms/ur3e/ur3e.urdf",
-    "ur5e": f"{_AIRO}/arms/ur5e/ur5e.urdf",
+    **{name: f"{_AIRO}/arms/{name}/{name}.urdf" for name in ("ur3e", "ur5e")},
     **{name: f"{_RTB}/trossen_descriptions/urdf/{name}.urdf.xacro" for name in _TROSSEN},
     "irb140": f"{_RTB}/abb_irb140_description/urdf/irb140.urdf",
     "iiwa14": f"{_RTB}/kuka_description/kuka_lbr_iiwa/urdf/lbr_iiwa_14_r820.urdf",
@@ -47,9 +39,7 @@ ROBOTS: Mapping[str, str] = {
 
 ROS_ROBOTS: Mapping[str, str] = {
     **{name: f"ur_description/urdf/ur.urdf.xacro ur_type:={name} name:=ur" for name in _UR},
-    "fr3": "franka_description/robots/fr3/fr3.urdf.xacro hand:=true",
-    "fp3": "franka_description/robots/fp3/fp3.urdf.xacro hand:=true",
-    "fer": "franka_description/robots/fer/fer.urdf.xacro hand:=true",
+    **{name: f"franka_description/robots/{name}/{name}.urdf.xacro hand:=true" for name in ("fr3", "fp3", "fer")},
     "xarm6": "xarm_description/urdf/xarm_device.urdf.xacro dof:=6 robot_type:=xarm add_gripper:=true",
     "lite6": "xarm_description/urdf/xarm_device.urdf.xacro dof:=6 robot_type:=lite add_gripper:=true",
     "gen3": "kortex_description/robots/gen3_2f85.urdf.xacro",
