@@ -93,8 +93,8 @@ _FRAME = "where it grasps: between the fingertips; z points into the object, the
 
 _FINGERS = """\
   fingers:  # check: the joints that drive the fingers; those that follow them need no line
-    open: {open}
-    closed: {closed}
+    open: {{{open}}}
+    closed: {{{closed}}}
     width: {width} mm  # check: how wide they open, fingertip to fingertip
 """
 
@@ -125,24 +125,20 @@ def workspace_text(layout: Layout) -> str:
         files += "  geometry: visual  # check: which shapes are solid and hide things; `collision` is faster\n"
     if grip is not None:
         opened, closed = (
-            "{"
-            + ", ".join(f"{text_in_yaml(name)}: {_position(at, name in layout.slides)}" for name, at in of.items())
-            + "}"
+            ", ".join(f"{text_in_yaml(name)}: {_position(at, name in layout.slides)}" for name, at in of.items())
             for of in (grip.open, grip.closed)
         )
         fingers = _FINGERS.format(open=opened, closed=closed, width=f"{1000 * grip.width:.1f}")
-    if grip is None and layout.X_LT is None:
-        tool = f"  tool_frame: {text_in_yaml(layout.tip)}\n"
-    elif grip is None and layout.X_LT is not None:
-        tool = _CUP.format(link=text_in_yaml(layout.tip), pose=_pose(layout.X_LT))
-    else:
-        assert grip is not None  # noqa: S101 - else it is a cup
         named = f"    urdf: {gripper}\n    prefix: {PREFIX}\n" if gripper else ""
         tool = "  tool:" + ("" if gripper else "  # check: the hand of the robot")
         tool += f"\n{named}    link: {text_in_yaml(layout.tip)}\n"
         if layout.X_LT is not None:
             tool += f"    pose: {_pose(layout.X_LT)}  # check: where the gripper begins, its z axis pointing out\n"
         tool += f"    frame: {_pose(grip.X_RT)}  # check: {_FRAME}\n"
+    elif layout.X_LT is not None:
+        tool = _CUP.format(link=text_in_yaml(layout.tip), pose=_pose(layout.X_LT))
+    else:
+        tool = f"  tool_frame: {text_in_yaml(layout.tip)}\n"
     home = f" {text_in_yaml(layout.home_state or '')}  # check: where programs start and end; a state of the SRDF"
     if layout.home_state is None:
         home = "  # check: where programs start and end"
