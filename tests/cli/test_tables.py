@@ -5,14 +5,14 @@ from __future__ import annotations
 import functools
 import io
 import os
-import pty
 import re
-import subprocess
+import shlex
 import sys
 import time
 import unicodedata
 from pathlib import Path
 
+import pexpect
 import pytest
 from rich.console import Console
 
@@ -79,24 +79,13 @@ MAIN = "from sqrp_cli.cli.main import main\nmain()"
 
 def in_a_terminal(arguments: list[str], columns: int, program: str = MAIN, **variables: str) -> str:
     """What a command prints to a terminal of its own, without colour unless variables say otherwise."""
-    inside, outside = pty.openpty()
     environment = {**os.environ, "COLUMNS": str(columns), "NO_COLOR": "1", "TERM": "xterm", **variables}
-    process = subprocess.Popen(
-        [sys.executable, "-c", program, *arguments], stdout=outside, stderr=subprocess.DEVNULL, env=environment
-    )
-    os.close(outside)
-    pieces = []
-    while True:
-        try:
-            piece = os.read(inside, 65536)
-        except OSError:  # the other end is closed
-            break
-        if not piece:
-            break
-        pieces.append(piece)
-    os.close(inside)
-    assert process.wait(timeout=60) == 0
-    return b"".join(pieces).decode().replace("\r\n", "\n")
+    words = ["-c", f"{shlex.join([sys.executable, '-c', program, *arguments])} 2> /dev/null"]
+    shown = pexpect.spawn("/bin/sh", words, env=environment, encoding="utf-8", timeout=60)
+    text = shown.read()
+    shown.close()
+    assert shown.exitstatus == 0
+    return text.replace("\r\n", "\n")
 
 
 def test_a_terminal_shows_the_same_text_as_a_file_and_no_colour_where_none_is_wanted(sqrp, watch):
