@@ -107,10 +107,7 @@ class Studio:
     # From beginning to end
 
     async def run(self, port: int, ready: Callable[[str], None], closed: Callable[[], bool]) -> None:
-        """Serve until it is closed or alone; ready: called with the address. Raises InputError for a taken port.
-
-        It is alone once the process that started it is gone: nobody could close it then.
-        """
+        """Serve until it is closed, or nobody can; ready: called with the address. Raises InputError for a taken port."""
         await self.connections.open(port)
         over = self._rankings.listen()
         self._rankings.rank(self._asked(saved=False))  # meanwhile the page is put together
@@ -126,7 +123,7 @@ class Studio:
         self._stamps = self._stamped()
         self._tell_state()
         try:
-            while os.getppid() == self._parent and not closed():
+            while os.getppid() == self._parent and not closed():  # who started it is there, so that it can be closed
                 await asyncio.wait([over], timeout=LOOK_EVERY)
                 if over.done():
                     over.result()

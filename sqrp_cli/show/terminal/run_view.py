@@ -309,12 +309,9 @@ def wall_time(found: RunReport) -> str:
     """Where the wall time of a run went, in one line."""
     wall = dict(found.wall)
     total, apart = wall.pop("all"), wall.pop("perception (in parallel)")
-    parts = [f"{name} {seconds:.1f}" for name, seconds in wall.items()]
-    rest = total - sum(wall.values())
-    return (
-        f"{total:.1f} s of wall time for {found.time:.1f} s and {found.images} images: "
-        f"{', '.join(parts)}, the rest {rest:.1f} s; perception {apart:.1f} s of CPU in its own processes"
-    )
+    parts = ", ".join(f"{name} {seconds:.1f}" for name, seconds in wall.items())
+    rest = f"the rest {total - sum(wall.values()):.1f} s; perception {apart:.1f} s of CPU in its own processes"
+    return f"{total:.1f} s of wall time for {found.time:.1f} s and {found.images} images: {parts}, {rest}"
 
 
 def print_audit(found: AuditDocument) -> None:

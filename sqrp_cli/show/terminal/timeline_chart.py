@@ -236,16 +236,13 @@ def covered_share(samples: Sequence[Sample], states: Sequence[State]) -> float |
 
 
 def _placed(found: ExplainedCandidate, longest: float) -> tuple[list[int], str]:
-    """The sample that each sign of a row stands for, on a scale of `longest` seconds: the nearest to its middle.
-
-    With what each primitive does at its beginning, or its name where there is no room for that before the next.
-    """
+    """The sample nearest to the middle of each sign of a row, `longest` seconds long, and a row of what primitives do."""
     scale, t = _width() / max(longest, 1e-9), np.array([sample.t for sample in found.samples])
     moments = (np.arange(round((found.time or 0.0) * scale)) + 0.5) / scale
     before = np.clip(np.searchsorted(t, moments, side="right") - 1, 0, len(t) - 2)
     later = t[before + 1] - moments < moments - t[before]
     starts = [round(primitive.start * scale) for primitive in found.primitives]
-    row = [" "] * len(moments)
+    row = [" "] * len(moments)  # with the names of primitives where there is no room for what they do
     for primitive, start, end in zip(found.primitives, starts, [*starts[1:], len(moments)], strict=True):
         room, words = max(end - start, 0), f"|{primitive.does or primitive.name}"
         name = words if len(words) <= room else f"|{primitive.name}"[:room]
