@@ -107,7 +107,7 @@ class Studio:
     # From beginning to end
 
     async def run(self, port: int, ready: Callable[[str], None], closed: Callable[[], bool]) -> None:
-        """Serve until it is closed, or nobody can; ready: called with the address. Raises InputError for a taken port."""
+        """Serve until it is closed, or none can. ready: called with the address. Raises InputError for a taken port."""
         await self.connections.open(port)
         over = self._rankings.listen()
         self._rankings.rank(self._asked(saved=False))  # meanwhile the page is put together

@@ -236,7 +236,7 @@ def covered_share(samples: Sequence[Sample], states: Sequence[State]) -> float |
 
 
 def _placed(found: ExplainedCandidate, longest: float) -> tuple[list[int], str]:
-    """The sample nearest to the middle of each sign of a row, `longest` seconds long, and a row of what primitives do."""
+    """The sample nearest to the middle of each sign, in a row of `longest` seconds, and what primitives do in it."""
     scale, t = _width() / max(longest, 1e-9), np.array([sample.t for sample in found.samples])
     moments = (np.arange(round((found.time or 0.0) * scale)) + 0.5) / scale
     before = np.clip(np.searchsorted(t, moments, side="right") - 1, 0, len(t) - 2)
