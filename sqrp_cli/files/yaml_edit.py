@@ -28,14 +28,16 @@ def with_values(document: SourceDocument, values: Mapping[str, str]) -> bytes:
     values: by dotted path (`cameras.cam1.pose.position.0`), as YAML text in a line. Raises InputError for a path that
     leads nowhere, and where that would change anything else: the value belongs to an anchor.
     """
-    known, (text, root) = {dotted(keys): keys for keys in document.values}, _text_and_root(document)
+    known, (text, root) = {dotted(keys): keys for keys in document.values if keys}, _text_and_root(document)
     new = list[tuple[int, int, str]]()  # where text is replaced, and by what
     later = [path for path in values if path not in known or any(path.startswith(f"{other}.") for other in values)]
     for path in values.keys() - later:
         *above, key = known[path]
         parent, node = _node(root, tuple(above)), _node(root, known[path])
         start, end, value = node.start_mark.index, _end(node), values[path]
-        if isinstance(parent, yaml.MappingNode) and (path not in document.leaves or end == start):
+        is_empty = end == start
+        end += is_empty and text[end : end + 1] == " "
+        if isinstance(parent, yaml.MappingNode) and (path not in document.leaves or is_empty):
             # From its key on, so that a block, or nothing, becomes a value beside it.
             starts = (name.start_mark.index for name, _ in parent.value if str(name.value) == str(key))
             start = next(starts, start)
@@ -46,7 +48,7 @@ def with_values(document: SourceDocument, values: Mapping[str, str]) -> bytes:
     content = _checked(document, text, *(values.keys() - later)) if new else document.content
     for path in later:
         document = parse_yaml(document.path, content)
-        known, (parent, _, key) = {dotted(keys): keys for keys in document.values}, path.rpartition(".")
+        known, (parent, _, key) = {dotted(keys): keys for keys in document.values if keys}, path.rpartition(".")
         if path in known:
             content = with_values(document, {path: values[path]})
         elif isinstance(document.at(known.get(parent, (parent,))), dict) and key:
