@@ -17,7 +17,7 @@ from sqrp_cli.files.packages import package_roots
 from sqrp_cli.robot.moveit import SrdfModel, read_moveit_limits, read_srdf
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Sphere
-from tests.cells import FILES, refused
+from tests.cells import FILES, read_cases, refused
 
 ARM, SRDF = ((FILES / name).read_text() for name in ("arm.urdf", "arm.srdf"))
 
@@ -121,47 +121,21 @@ def test_what_an_srdf_says_of_other_robots_is_left_out_with_one_warning(tmp_path
     assert srdf.groups == {"arm": ("turn",), "all": ("turn",)}
 
 
-def with_inertial(inertial: str, limit: str = 'lower="-1" upper="2" velocity="3" effort="1"') -> str:
-    """The arm with an inertial of its hand, which moves and is solid, and other limits of its joint."""
-    text = ARM.replace('<link name="hand">', f'<link name="hand"><inertial>{inertial}</inertial>', 1)
-    return text.replace('lower="-1" upper="2" velocity="3" effort="1"', limit)
-
-
-def moments(xx: float, yy: float, zz: float, xy: float = 0.0) -> str:
-    return f'<mass value="1"/><inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="{xy}" ixz="0" iyz="0"/>'
-
-
-@pytest.mark.parametrize(("text", "code", "told"), [
-        (with_inertial('<mass value="0"/>'), "no-mass", "link `hand` has a mass of 0 kg"),
-        (with_inertial(moments(0.1, 0.1, 0.5)), "doubtful-inertia", "above the sum of the other two"),
-        (with_inertial(moments(0.1, 0.1, 0.1, xy=0.3)), "doubtful-inertia", "moment of inertia below 0"),
-        (with_inertial("", 'velocity="3"'), "no-motion", "joint `turn` has a `lower` that is its `upper` limit"),
-        (with_inertial("", 'lower="-1e6" upper="1e18"'), "no-limit", "taken as 100 turns"),
-    ],
-    ids=["mass", "triangle rule", "products", "no motion", "no limit"],
-)  # fmt: skip
-def test_what_can_hardly_be_meant_is_a_warning_at_its_line(tmp_path, text, code, told):
-    (warning,) = read_urdf(written(tmp_path, text)).warnings
-    assert (warning.code, warning.severity) == (code, "warning")
-    assert told in warning.message
-    assert warning.mend
-    assert warning.place.line in (5, 12)
-
-
-@pytest.mark.parametrize("inertial", [
-    moments(0.1, 0.1, 0.2),  # a flat plate meets the triangle rule with equality
-    moments(0.010, 0.010, 0.0205),  # rounded
-    moments(0.0, 1.0, 1.0),  # a thin rod
-    moments(-1e-12, 1e-6, 1e-6),  # rounded
-    '<mass value="1"/>',
-])  # fmt: skip
-def test_rounded_inertias_are_taken_as_they_are(tmp_path, inertial):
-    assert read_urdf(written(tmp_path, with_inertial(inertial))).warnings == ()
+@pytest.mark.parametrize("case", read_cases("doubtful_urdfs.yaml"), ids=lambda case: case["case"])
+def test_what_can_hardly_be_meant_is_a_warning_at_its_line_and_what_is_rounded_is_none(tmp_path, case):
+    text = ARM
+    for old, new in case["replace"].items():
+        assert old in text
+        text = text.replace(old, new, 1)
+    warnings = read_urdf(written(tmp_path, text)).warnings
+    expected = [(case["code"], "warning", case["line"])] if "code" in case else []
+    assert [(one.code, one.severity, one.place.line) for one in warnings] == expected
+    assert all(case["says"] in one.message and one.mend for one in warnings)
 
 
 def test_limits_of_endless_turns_are_those_of_a_hundred(tmp_path):
-    limits = 'lower="-1e6" upper="3" velocity="1"'
-    turn = read_urdf(written(tmp_path, with_inertial("", limits))).joints["turn"]
+    text = ARM.replace('lower="-1" upper="2"', 'lower="-1e6" upper="3"')
+    turn = read_urdf(written(tmp_path, text)).joints["turn"]
     assert (turn.lower, turn.upper) == (pytest.approx(-100 * 2 * math.pi), 3.0)
 
 
