@@ -113,8 +113,6 @@ class RobotReader:
         except InputError as error:
             named = [replace(one, message=f"{one.message}; {place} names this file") for one in error.problems]
             raise InputError(*named) from error
-        except OSError as error:
-            raise bad_input("unreadable-file", f"{mesh.path}: {error.strerror}", place) from error
 
     def _read_urdf(self, entry: XacroEntry | str, path: KeyPath, prefix: str = "") -> UrdfModel:
         """A description with its meshes; those without triangles are left out of it, with a warning."""
