@@ -25,10 +25,10 @@ LONG = 30
 
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_386),
-    "files": ("files", 2_047),
-    "robot": ("robot", 3_062),
+    "files": ("files", 2_049),
+    "robot": ("robot", 3_031),
     "camera": ("camera", 2_299),
-    "cell": ("cell", 3_580),
+    "cell": ("cell", 3_578),
     "logic": ("logic", 2_296),
     "skill, program, recording": ("skill program recording", 2_608),
     "task": ("task", 1_021),
@@ -40,9 +40,9 @@ ROOMS = {
     "run": ("run", 7_110),
     "field": ("field ros", 2_911),
     "score": ("score", 2_294),
-    "show": ("show", 4_811),
+    "show": ("show", 4_805),
     "ask": ("ask cli __init__ __main__", 5_123),
-    "studio": ("studio", 1_692),
+    "studio": ("studio", 1_689),
     "starter, platform": ("starter platform", 2_332),
 }
 """The rooms of the package: what is in each, the longest beginning of a path counts, and how many lines it may have.

@@ -22,7 +22,7 @@ from sqrp_cli.files.units import shown_length
 from sqrp_cli.geometry import Array, axis_rotation, box_corners, inverse, pose, side_pose, transform
 from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.robot.inverse_kinematics import known_solutions
+from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.reach import Unreachable
 from sqrp_cli.search.aiming import CAMERA_RADIUS, touched
@@ -185,7 +185,7 @@ def blind_cameras_on_links(cell: Cell) -> Iterator[Problem]:
             assert item.X_WO is not None  # noqa: S101 - shown objects have a pose
             for yaw in np.radians([0, 90, 180, 270]):
                 X_WT = item.X_WO @ side_pose(item.size, "+z") @ pose(axis_rotation(2, yaw), (0.0, 0.0, -0.1))
-                reached = known_solutions(model, X_WT, cell.seed, 1)
+                reached = all_solutions(model, X_WT, cell.seed, 1)
                 poses.extend(() if isinstance(reached, Unreachable) else model.link_poses(reached)[camera.frame])
         if (moves and len(poses) == 1) or any(sees_any(camera, X_WF @ camera.X_FC, points) for X_WF in poses):
             continue  # of an arm that reaches none of these places, home alone says nothing

@@ -25,7 +25,7 @@ from sqrp_cli.motion.tool_path import (
 )
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.branches import branch_words, chosen_branches
-from sqrp_cli.robot.inverse_kinematics import known_solutions
+from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.reach import Unreachable
 from sqrp_cli.skill.settings import MotionValue
@@ -101,7 +101,7 @@ class MotionProblem:
 
     def solutions(self, X_WT: Array) -> Array | Unreachable:
         """The joint positions that bring the tool frame to a pose, shape (4, 4), or why there are none."""
-        return known_solutions(self.model, X_WT, self.seed, self.redundancy_samples)
+        return all_solutions(self.model, X_WT, self.seed, self.redundancy_samples)
 
     @cached_property
     def bounds(self) -> JointSpan:

@@ -70,21 +70,10 @@ The third swings the elbow of common seven-axis arms; where the wrist has an off
 closed form. The fourth is none of them: an elbow is bent by how far away the pose is.
 """
 
-MOST_KEPT = 256  # most results that are kept
 NOMINAL_ANGLE = 2e-2  # axes of a calibrated arm within this angle of an axis of its root count as parallel to it [rad]
 NEAR_SEED = 2e-2
 """Largest pose error of a closed form's solution that is polished, in m and rad; calibrated arms need some."""
 NOMINAL_OFFSET = 2e-3  # offsets between the axes of a calibrated arm below this count as zero [m]
-
-
-def known_solutions(model: RobotModel, X_WT: Array, seed: int, redundancy_samples: int) -> Array | Unreachable:
-    """The result of `all_solutions` for a pose X_WT, shape (4, 4), which is kept; read-only."""
-    return _kept_solutions(model, X_WT.tobytes(), seed, redundancy_samples)
-
-
-@lru_cache(maxsize=MOST_KEPT)
-def _kept_solutions(model: RobotModel, X_WT: bytes, seed: int, redundancy_samples: int) -> Array | Unreachable:
-    return all_solutions(model, np.frombuffer(X_WT).reshape(4, 4), seed, redundancy_samples)
 
 
 def all_solutions(

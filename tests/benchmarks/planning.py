@@ -16,7 +16,6 @@ from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.planner import Planner, find_plan
 from sqrp_cli.logic.unified_planner import engine_planner
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.robot import inverse_kinematics
 from sqrp_cli.study.find import Plans, observed
 from sqrp_cli.study.pipeline import RankJob
 from sqrp_cli.study.timeline import PlannedMotion
@@ -73,5 +72,4 @@ def candidates(runs: int) -> None:
 
 def _planned(cell: Cell, candidate: Candidate, job: RankJob) -> Sequence[PlannedMotion] | Infeasible:
     """The ways of a candidate, of which nothing is known yet."""
-    inverse_kinematics._kept_solutions.cache_clear()
     return Plans().of(cell, candidate, job.world, fastest=job.wanted.fastest)[1]
