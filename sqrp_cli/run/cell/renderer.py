@@ -13,7 +13,7 @@ from sqrp_cli.camera.camera import Camera
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.platform.simulator import no_opengl
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.cell.mujoco_model import DRAWN, FELT, mujoco
+from sqrp_cli.run.cell.mujoco_model import DRAWN, mujoco
 
 NEAR, FAR = 0.01, 50.0
 """Clipping planes [m]."""
@@ -69,7 +69,6 @@ class Renderer:
         self._option, self._view = mujoco.MjvOption(), mujoco.MjvCamera()
         self._option.geomgroup[:] = 0
         self._option.geomgroup[DRAWN] = 1
-        self._drawn = np.flatnonzero(model.geom_group == DRAWN)
         self._seed = seed
         rows, columns = (max(sizes) + _SPARE for sizes in zip(*((c.height, c.width) for c in cameras), strict=True))
         noise = np.random.default_rng(seed).normal(0.0, NOISE, (rows, columns, 3))
@@ -127,12 +126,6 @@ class Renderer:
         body, optics = self._data.body(camera.frame), self._optics[camera.name]
         X_WC = pose(body.xmat.reshape(3, 3), body.xpos) @ X_FC
         (left, top), (right, bottom) = optics.low, optics.high
-        if not self._shadows:  # objects that lie outside the field of view, by the spheres around them, are left out
-            centers, radii = self._data.geom_xpos[self._drawn] - X_WC[:3, 3], self._model.geom_rbound[self._drawn]
-            sides = np.array([[1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom], [0, 0, 1]])
-            sides = sides / np.linalg.norm(sides, axis=1, keepdims=True)
-            seen = (centers @ X_WC[:3, :3] @ sides.T > -radii[:, None]).all(axis=1) | (radii == 0.0)
-            self._model.geom_group[self._drawn] = np.where(seen, DRAWN, FELT)
         mujoco.mjv_updateScene(
             self._model, self._data, self._option, None, self._view, mujoco.mjtCatBit.mjCAT_ALL.value, self._scene
         )

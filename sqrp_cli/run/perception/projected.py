@@ -98,8 +98,6 @@ def pieces_mask(
     for part in parts:
         if part.parent in without or (links is not None and part.parent not in links):
             continue
-        if (part.low.min(axis=0) > last).any() or (part.high.max(axis=0) < origin).any():
-            continue
         taken = np.asarray((part.high >= origin).all(axis=1) & (part.low <= last).all(axis=1))
         if box is not None:
             heights = part.points @ box.far_faces[:, :3].T - box.far_faces[:, 3]

@@ -90,17 +90,7 @@ def filled(crop: Crop, polygons: Iterable[Corners]) -> Mask:
     canvas = np.zeros((rows.stop - rows.start, columns.stop - columns.start), dtype=np.uint8)
     first = np.array([columns.start, rows.start], dtype=np.int32) << _SUBPIXEL
     for corners in polygons:
-        if corners.ndim == 2:
-            cv2.fillConvexPoly(canvas, corners - first, 1, cv2.LINE_8, _SUBPIXEL)
-            continue
-        pixels = (corners - first + (1 << _SUBPIXEL - 1)) >> _SUBPIXEL
-        spans = np.ptp(pixels, axis=1)
-        # Most of a fine mesh covers a pixel, or two in a row or column: those of its corners, and nothing in between.
-        tiny = (spans.max(axis=1) <= 1) & (spans.min(axis=1) == 0)
-        x, y = pixels[tiny].reshape(-1, 2).T
-        inside = (x >= 0) & (x < canvas.shape[1]) & (y >= 0) & (y < canvas.shape[0])
-        canvas[y[inside], x[inside]] = 1
-        for polygon in corners[~tiny] - first:
+        for polygon in corners.reshape(-1, *corners.shape[-2:]) - first:
             cv2.fillConvexPoly(canvas, polygon, 1, cv2.LINE_8, _SUBPIXEL)
     return canvas.astype(bool)
 

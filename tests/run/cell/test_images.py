@@ -115,17 +115,6 @@ def test_a_camera_on_a_link_moves_with_it() -> None:
     assert np.linalg.norm(seen - Projection(eye).pixels(np.array(point_C))[0]) < 0.3
 
 
-def test_leaving_out_what_is_out_of_view_changes_no_pixel() -> None:
-    base = workspace("workspaces/tabletop")
-    cameras = tuple(base.cameras.values())
-    with drawing(tuple(base.objects.values()), cameras, base=base) as renderer:
-        culled = [renderer.image(eye.name, 0.0) for eye in cameras]
-        renderer._model.geom_group[renderer._drawn] = 0
-        renderer._drawn = renderer._drawn[:0]
-        whole = [renderer.image(eye.name, 0.0) for eye in cameras]
-    assert all(np.array_equal(a, b) for a, b in zip(culled, whole, strict=True))
-
-
 def test_processes_draw_what_one_process_draws() -> None:
     base = workspace("workspaces/tabletop")
     cameras = tuple(base.cameras.values())
