@@ -9,10 +9,15 @@ from numpy.typing import NDArray
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import bad_input
+from sqrp_cli.geometry import Array
 from sqrp_cli.records import dataclass
 
 ImageArray = NDArray[np.uint8]
 """Red, green and blue, shape (height, width, 3); pixel (0, 0) is the centre of the first one, at the top left."""
+SUBPIXEL = 4
+"""Fractional bits of the corners of polygons that OpenCV draws."""
+Corners = NDArray[np.int32]
+"""Corners of polygons in sixteenths of a pixel."""
 MOST_SIMULATED = 16_000_000
 """Most pixels of an image that is simulated; each drawing process needs some 100 bytes for each of them."""
 MOST_SIMULATED_TOGETHER = 64_000_000
@@ -35,6 +40,12 @@ class CameraImage:
     t: float
     """Time of exposure [s]."""
     image: ImageArray
+
+
+def corners_of(polygons: Array) -> Corners:
+    """Polygons (..., 2) [pixels] as OpenCV draws them."""
+    corners: Corners = np.round(polygons * 2**SUBPIXEL).clip(-(2**24), 2**24).astype(np.int32)
+    return corners
 
 
 def check_image_sizes(workspace: Workspace, recorded: Iterable[str] | None = None) -> None:

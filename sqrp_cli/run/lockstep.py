@@ -20,7 +20,7 @@ from sqrp_cli.run.faults import FaultTracker, InjectedFault
 from sqrp_cli.run.ground_truth import DIGITS, RATE, changes, logged_poses, step_began
 from sqrp_cli.run.monitor.nominal_step import in_boxes
 from sqrp_cli.run.monitor.step_monitor import Attempt
-from sqrp_cli.run.perception.detections import BelievedState, Detection, Evidence, FusedTruth, fuse
+from sqrp_cli.run.perception.detections import BelievedState, Detection, Evidence, fuse
 from sqrp_cli.run.perception.streams import Streams
 from sqrp_cli.run.record.events import EventPublisher, ShownAtom
 from sqrp_cli.run.record.images import ImageRecorder
@@ -87,7 +87,6 @@ class EvidenceCollector:
         """What is known of each atom: the newest that any images show, none older than the last complete evidence."""
         self.complete: dict[str, Truth] = {}
         """The values of the last exposure since `forget` of which the images of all cameras are there."""
-        self._published: dict[float, Mapping[str, FusedTruth]] = {}
         self.places: dict[str, list[Array]] = {}
         """Where objects were located since `forget`, by the images one after the other, (3,) each [m]."""
 
@@ -135,7 +134,7 @@ class EvidenceCollector:
         found = self._fused() if detections else []
         for evidence in found:
             tau, has_arrivals = evidence.tau, any(one is not None for one in evidence.detections.values())
-            if has_arrivals and self._published.get(evidence.t) != evidence.atoms:
+            if has_arrivals and evidence.told != evidence.atoms:
                 required = attempt.monitored(max(tau or 0.0, 0.0))
                 shown = {
                     atom: ShownAtom(
@@ -149,9 +148,8 @@ class EvidenceCollector:
                 }
                 exposed, at = round(evidence.t, 6), None if tau is None else round(tau, 6)
                 self._publisher.publish("evidence", now, exposed=exposed, step_time=at, literals=shown)
-                self._published[evidence.t] = evidence.atoms
+                evidence.told = evidence.atoms
             if evidence.complete:
-                self._published.pop(evidence.t, None)
                 self.conflicts += sum(fused.conflict for fused in evidence.atoms.values())
                 self.complete = evidence.values
         self.values = dict(self.complete)
@@ -309,28 +307,24 @@ class Lockstep:
         with self.publisher.timed("waiting for perception"):
             arrived = streams.collect(self.now)
         while self._due and self._due[0][0] <= self.now + 1e-9 and attempt is not None:
-            self._do(self._due.pop(0)[2], attempt)
+            match self._due.pop(0)[2]:
+                case "grasp":
+                    self.cell.grasp()
+                    self.command_hold(holding=True)
+                    attempt.undisturbed &= not faults.open
+                case "release":
+                    self.cell.release()
+                case "released":
+                    self.command_hold(holding=False)
+                case ProgramPrimitive(name=name, does=does):
+                    self.publisher.publish("primitive", self.now, name=name, does=does)
+                case InjectedFault() as fault:
+                    faults.inject(fault, self.now, attempt)
         if attempt is not None:
             self.collector.expose(self.now, self._moment)
         if (failure := self.cell.trouble() or streams.failure(self.now)) is not None:
             raise failure
         return self.collector.take_notice(arrived, self.now)
-
-    def _do(self, what: Due, attempt: Attempt) -> None:
-        """What is due now."""
-        match what:
-            case "grasp":
-                self.cell.grasp()
-                self.command_hold(holding=True)
-                attempt.undisturbed &= not self.faults.open
-            case "release":
-                self.cell.release()
-            case "released":
-                self.command_hold(holding=False)
-            case ProgramPrimitive(name=name, does=does):
-                self.publisher.publish("primitive", self.now, name=name, does=does)
-            case InjectedFault():
-                self.faults.inject(what, self.now, attempt)
 
     def stop(self, reason: str, *, protective: bool = False) -> None:
         """Bring the arm to rest along its path, looking on; protective: as fast as it may, whatever cameras do."""

@@ -228,6 +228,8 @@ class Evidence:
     """What all images show that count then."""
     complete: bool = False
     """Whether no image that was taken by then is under way any more, so that nothing that is known will change."""
+    told: Mapping[str, FusedTruth] | None = None
+    """What was last published of it."""
 
     @property
     def values(self) -> dict[str, Truth]:

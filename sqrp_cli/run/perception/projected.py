@@ -17,16 +17,14 @@ from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.files.frames import frame_poses
 from sqrp_cli.geometry import Array, Mask, box_corners, inverse, transform
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.image import ImageArray
+from sqrp_cli.run.image import Corners, ImageArray, corners_of
 from sqrp_cli.run.perception.detections import BelievedState, CellModel, DetectionTargets
 from sqrp_cli.run.perception.vision import (
-    Corners,
     Crop,
     FoundMarker,
     area_of,
     color_mask,
     convex_outline,
-    corners_of,
     filled,
     find_markers,
 )

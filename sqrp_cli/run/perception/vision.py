@@ -9,14 +9,13 @@ from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.detector import ALIKE
 from sqrp_cli.camera.light import HUE_TOLERANCE, HUES, LEAST_SEEN_SATURATION, LEAST_VALUE, hue_of
 from sqrp_cli.camera.markers import ORIGINAL, opencv_name
 from sqrp_cli.geometry import Array, Mask
-from sqrp_cli.run.image import ImageArray
+from sqrp_cli.run.image import SUBPIXEL, Corners, ImageArray
 
 cv2.setNumThreads(1)  # one process per core looks at images already
 
@@ -69,18 +68,6 @@ def area_of(polygon: Array) -> float:
     return float(cv2.contourArea(polygon.astype(np.float32)))
 
 
-_SUBPIXEL = 4
-"""Fractional bits of polygon corners."""
-Corners = NDArray[np.int32]
-"""Corners of polygons in sixteenths of a pixel."""
-
-
-def corners_of(polygons: Array) -> Corners:
-    """Polygons (..., 2) [pixels] as `filled` wants them."""
-    corners: Corners = np.round(polygons * 2**_SUBPIXEL).clip(-(2**24), 2**24).astype(np.int32)
-    return corners
-
-
 def filled(crop: Crop, polygons: Iterable[Corners]) -> Mask:
     """The pixels of a crop that convex polygons cover.
 
@@ -88,10 +75,10 @@ def filled(crop: Crop, polygons: Iterable[Corners]) -> Mask:
     """
     rows, columns = crop
     canvas = np.zeros((rows.stop - rows.start, columns.stop - columns.start), dtype=np.uint8)
-    first = np.array([columns.start, rows.start], dtype=np.int32) << _SUBPIXEL
+    first = np.array([columns.start, rows.start], dtype=np.int32) << SUBPIXEL
     for corners in polygons:
         for polygon in corners.reshape(-1, *corners.shape[-2:]) - first:
-            cv2.fillConvexPoly(canvas, polygon, 1, cv2.LINE_8, _SUBPIXEL)
+            cv2.fillConvexPoly(canvas, polygon, 1, cv2.LINE_8, SUBPIXEL)
     return canvas.astype(bool)
 
 

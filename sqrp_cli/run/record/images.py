@@ -25,7 +25,7 @@ from sqrp_cli.files.units import LONGEST, as_number
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.platform.files import make_folder, naming
-from sqrp_cli.run.image import CameraImage, ImageArray
+from sqrp_cli.run.image import SUBPIXEL, CameraImage, ImageArray, corners_of
 from sqrp_cli.run.record.bag_recorder import BagRecorder
 from sqrp_cli.run.record.packed_image import encoded
 
@@ -40,8 +40,6 @@ LONGEST_NAME = 60
 _TILE = (320, 240)
 """Width and height of a camera in a film [pixels]."""
 _PAINT = {Truth.TRUE: (60, 220, 60), Truth.FALSE: (90, 160, 255), Truth.UNKNOWN: (240, 60, 60)}
-_SUBPIXEL = 4
-"""Fractional bits of the corners of what is drawn."""
 Outlines = Iterable[tuple[Array, Truth]]
 """Outlines of boxes in an image (n, 2) [pixels], each with what the image shows of the box."""
 
@@ -93,8 +91,7 @@ def drawn(image: ImageArray, outlines: Outlines, text: str) -> ImageArray:
     canvas = image.copy()
     for polygon, truth in outlines:
         if len(polygon):
-            corners = np.round(polygon * 2**_SUBPIXEL).clip(-(2**24), 2**24).astype(np.int32)
-            cv2.polylines(canvas, [corners], True, _PAINT[truth], 2, cv2.LINE_AA, _SUBPIXEL)
+            cv2.polylines(canvas, [corners_of(polygon)], True, _PAINT[truth], 2, cv2.LINE_AA, SUBPIXEL)
     cv2.putText(canvas, text, (8, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (0, 0, 0), 3, cv2.LINE_AA)
     cv2.putText(canvas, text, (8, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (255, 255, 255), 1, cv2.LINE_AA)
     return canvas

@@ -15,11 +15,11 @@ from sqrp_cli.camera.markers import Marker
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
-from sqrp_cli.run.image import ImageArray
+from sqrp_cli.run.image import ImageArray, corners_of
 from sqrp_cli.run.perception import detectors
 from sqrp_cli.run.perception.detections import BoxDetection, Detection, FusedTruth, fuse
 from sqrp_cli.run.perception.detectors import Background, marker_detection
-from sqrp_cli.run.perception.vision import FoundMarker, corners_of
+from sqrp_cli.run.perception.vision import FoundMarker
 from sqrp_cli.skill.target_box import TargetBox
 from tests.run.steps import box
 
