@@ -12,7 +12,7 @@ import pytest
 from sqrp_cli.ask.api.cell import open_cell
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.show.pictures import drawing, pictures
+from sqrp_cli.show.pictures import pictures
 from sqrp_cli.show.sentences import part_shares_in_words, what_to_move
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.study.analysis import Analysis, analyse
@@ -109,8 +109,8 @@ def test_explain_tells_it_in_text_document_and_pictures(
     assert first.name == "wall"
     assert f"{100 * first.alone:.1f} % would be seen without it." in text.replace("\n", " ")
     lines: list[str] = []
-    framed = drawing.framed
-    monkeypatch.setattr(drawing, "framed", lambda *given: lines.extend(text for text, _ in given[1]) or framed(*given))
+    framed = pictures.framed
+    monkeypatch.setattr(pictures, "framed", lambda *given: lines.extend(text for text, _ in given[1]) or framed(*given))
     pictures.write_pictures(cell, behind, tmp_path / "pictures")
     assert any(line.startswith("hidden 100.0 %: bar ") for line in lines)
 
