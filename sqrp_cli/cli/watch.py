@@ -158,8 +158,6 @@ def view_of(answer: Document) -> AnswerView:
             for task in answer.results:
                 figures = ("–",) * len(_TITLES) if task.best is None else _figures(task.best)
                 rows[f"{task.workspace}: {task.task}"] = (task.status, *figures)
-        case _:
-            raise TypeError(type(answer).__name__)
     why = "" if first is None else first.verdict if first.feasible else first.reasons[0]
     return AnswerView(columns, rows, why)
 

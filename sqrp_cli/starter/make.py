@@ -79,11 +79,10 @@ def make_starter(
     def of_folder(problems: Iterable[Problem]) -> Iterator[Problem]:
         """Problems of the draft as ones of the finished folder."""
         for problem in problems:
-            place = problem.place
+            message, mend, place = problem.message.replace(str(draft), str(folder)), problem.mend, problem.place
             if place is not None and place.file.is_relative_to(draft):
                 place = replace(place, file=folder / place.file.relative_to(draft))
-            message, mend = (text and text.replace(str(draft), str(folder)) for text in (problem.message, problem.mend))
-            yield replace(problem, message=message or "", place=place, mend=mend)
+            yield replace(problem, message=message, place=place, mend=mend and mend.replace(str(draft), str(folder)))
 
     try:
         with naming(folder, "this folder cannot be made"):

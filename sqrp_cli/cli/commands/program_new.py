@@ -49,9 +49,8 @@ def make_program(path: Path) -> ExitCode:
                 program = add_steps(cell, steps, Adaptive(), file)
                 count = len(program.steps)
                 kept = f"{file} holds the program: {count} step{'s' * (count != 1)}"
-                say(
-                    f"Added and saved in {file}: {', '.join(one.short_task for one in program.steps[-len(steps) :])}.\n"
-                )
+                added = ", ".join(one.short_task for one in program.steps[-len(steps) :])
+                say(f"Added and saved in {file}: {added}.\n")
     except EOFError:
         say()
     except KeyboardInterrupt:

@@ -284,9 +284,8 @@ def _write_images(cell: Cell, analyses: Sequence[Analysis], images: Path, *, sev
     cameras = cell.observer.cameras
     if large := [camera.name for camera in cameras if camera.width * camera.height > MOST_PIXELS]:
         note(f"pictures have at most {MOST_PIXELS:,} pixels; those of {first_names(large)} are smaller than its images")
-    with progress(
-        "Taking pictures", len(cameras) * sum(len(list(blind_intervals(one))) for one in analyses)
-    ) as advance:
+    count = len(cameras) * sum(len(list(blind_intervals(one))) for one in analyses)
+    with progress("Taking pictures", count) as advance:
         for analysis in analyses:
             folder = images / file_name(analysis.planned.candidate.name) if several else images
             blind = write_pictures(cell, analysis, folder, advance)
