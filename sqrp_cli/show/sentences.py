@@ -34,7 +34,7 @@ KIND_WORDS: Mapping[Kind, str] = {
 """What kinds of changes are called."""
 LEAST_GAIN = 0.001  # share of what is hidden below which a move of what hides it is not worth a sentence
 LEAST_SHOWN = 5e-4  # least share of a part in a list of several
-MOST_PARTS = 3  # parts that a sentence names; the others count together
+MOST_PARTS = 3  # things that a sentence names; the others count together
 
 
 def summary(candidates: Sequence[CandidateResult], by: Criterion, *, worst: bool = False) -> str:
@@ -127,6 +127,12 @@ def part_shares_in_words(parts: Sequence[HidingPart]) -> str:
     if others:
         words.append(f"{len(others)} other{'s' * (len(others) > 1)} {100 * sum(part.share for part in others):.1f} %")
     return ", ".join(words)
+
+
+def first_few(texts: Sequence[str]) -> str:
+    """The first of some texts, and how many more there are."""
+    more = len(texts) - MOST_PARTS
+    return ", ".join(texts[:MOST_PARTS]) + (f" and {more} more" if more > 0 else "")
 
 
 def what_to_move(found: Sequence[HidingPart]) -> str:

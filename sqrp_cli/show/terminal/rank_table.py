@@ -28,7 +28,6 @@ from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult, Ranking
 if TYPE_CHECKING:
     from sqrp_cli.search.planned_step import CheckedCandidate
 
-MOST_NAMED = 3  # most candidates, or choices of objects, that a line names
 SHORTEST_BLIND = 0.05  # blind ends of moves that cost less are not named [s]
 MOST_ROWS = 20  # a ranking of more candidates shows only some, unless all are asked for
 
@@ -120,14 +119,10 @@ def _sentences(feasible: Sequence[CandidateResult], found: Ranking) -> Iterator[
         if places := " and ".join(f"`{at}` {of:.1f} s" for at, of in total.items() if of >= SHORTEST_BLIND):
             blind.append(f"{one.name} {places}")
     if faster:
-        yield f"Faster, but seen worse: {_first_few(faster)} ({'below' if found.ways == 'all' else '--ways all'})."
+        where = "below" if found.ways == "all" else "--ways all"
+        yield f"Faster, but seen worse: {sentences.first_few(faster)} ({where})."
     if blind:
-        yield f"No path helps at ends of moves that the cameras do not see: {_first_few(blind)}."
-
-
-def _first_few(texts: Sequence[str]) -> str:
-    more = len(texts) - MOST_NAMED
-    return ", ".join(texts[:MOST_NAMED]) + (f", and {more} more" if more > 0 else "")
+        yield f"No path helps at ends of moves that the cameras do not see: {sentences.first_few(blind)}."
 
 
 def print_ways(candidates: Iterable[CandidateResult]) -> None:
@@ -206,8 +201,6 @@ def print_infeasible(found: Iterable[tuple[str, Mapping[str, str], str]]) -> Non
         groups.setdefault(general, []).append((name, " ".join(objects.values()) or name, reason))
     for general, group in groups.items():
         named, reasons = list(dict.fromkeys(each for _, each, _ in group)), {reason for _, _, reason in group}
-        who = ", ".join(named[:MOST_NAMED])
-        who += f" and {len(named) - MOST_NAMED} more" if len(named) > MOST_NAMED else ""
-        who += f", {len(group)} candidates" if len(group) > len(named) else ""
+        who = sentences.first_few(named) + (f", {len(group)} candidates" if len(group) > len(named) else "")
         who = group[0][0] if len(group) == 1 else who
         say(joined([("cannot be done: ", "red"), f"{who}: {general if len(reasons) > 1 else reasons.pop()}"]), indent=2)

@@ -133,9 +133,7 @@ def _print_unseen(found: Explanation) -> None:
         able = [camera for camera in lost if any(one is not None and one.cameras[camera].covered for one in asked)]
         for camera in able:
             why = [f"{words} {seconds:.2f}" for words, seconds in lost[camera].most_common()]
-            more = len(why) - sentences.MOST_PARTS
-            because = ", ".join(why[: sentences.MOST_PARTS]) + (f", and {more} more" if more > 0 else "")
-            because = next(iter(lost[camera])) if len(why) == 1 else because
+            because = next(iter(lost[camera])) if len(why) == 1 else sentences.first_few(why)
             rows.append((fact, camera, f"{lost[camera].total():.2f}", because))
         if never := [camera for camera in lost if camera not in able]:
             reasons = ", ".join(dict.fromkeys(words for camera in never for words in kinds[camera]))
