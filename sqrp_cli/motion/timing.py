@@ -135,16 +135,6 @@ def rest_to_rest(limits: MotionLimits) -> PiecewiseCubic:
     return PiecewiseCubic(breaks, coefficients).stretched(ramp)
 
 
-def time_path(path: JointPath, limits: MotionLimits, along: MotionLimits | None = None) -> Trajectory:
-    """As `time_paths` of one path.
-
-    along: by default what the joints would put on the parameter if the path were a straight line as steep as its
-    steepest place.
-    """
-    (trajectory,) = time_paths([path], limits, along or limits.along(path.derivative_bounds().max(axis=0)))
-    return trajectory
-
-
 def time_paths(paths: Sequence[JointPath], limits: MotionLimits, along: MotionLimits) -> list[Trajectory]:
     """A motion along each of several paths with the same breaks, from rest to rest, that keeps every joint's limits.
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.motion.collision import PlacedScene
-from sqrp_cli.motion.timing import STANDSTILL, MotionLimits, joint_move, time_path
+from sqrp_cli.motion.timing import STANDSTILL, MotionLimits, joint_move, time_paths
 from sqrp_cli.trajectory import JointPath, JointSpan, Trajectory
 
 _CORNER = np.array([[-45 / 128, 1 / 2, -5 / 32, 0.0, 1 / 128], [45 / 128, 1 / 2, 5 / 32, 0.0, -1 / 128]])
@@ -63,7 +63,7 @@ def _blended_motion(corners: Array, lengths: Array, reaches: Sequence[float], li
     # A curve's slope lies between those of the pieces that it joins, so these bound all velocities.
     steepest = limits.along(np.diff(corners, axis=0) / lengths[:, None] * lengths.sum())
     slowest = MotionLimits(steepest.velocity.min(), steepest.acceleration.min(), steepest.jerk.min())
-    return time_path(blended_path(corners, lengths, reaches), limits, slowest)
+    return time_paths([blended_path(corners, lengths, reaches)], limits, slowest)[0]
 
 
 def blended_path(corners: Array, lengths: Array, reaches: Sequence[float]) -> JointPath:

@@ -17,7 +17,7 @@ from sqrp_cli.geometry import Array, axis_rotation, inverse, pose
 from sqrp_cli.motion.collision import CLEARANCE, pair
 from sqrp_cli.motion.joint_moves import fastest_sequence
 from sqrp_cli.motion.plan_motion import Motion
-from sqrp_cli.motion.timing import MotionLimits, joint_move, time_path
+from sqrp_cli.motion.timing import MotionLimits, joint_move, time_paths
 from sqrp_cli.motion.tool_path import tool_line
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
@@ -179,8 +179,8 @@ def test_it_is_the_fastest_of_all_feasible_branches(cell):
                 continue
             a1, a5 = joint_move(model.home, start, limits), joint_move(second.end, model.home, limits)
             tool = [np.array([m.speed, m.acceleration, m.jerk], dtype=float) for m in (down, lift)]
-            a2 = time_path(first, limits, MotionLimits(*(tool[0] / 0.02)))
-            a4 = time_path(second, limits, MotionLimits(*(tool[1] / values["lift"])))
+            (a2,) = time_paths([first], limits, MotionLimits(*(tool[0] / 0.02)))
+            (a4,) = time_paths([second], limits, MotionLimits(*(tool[1] / values["lift"])))
             checks = ((free, a1), (tied, a2), (carried, a4), (carried_home, a5))
             if all(scene.check_path(trajectory.path) is None for scene, trajectory in checks):
                 times.append(a1.duration + a2.duration + 1.0 + a4.duration + a5.duration)

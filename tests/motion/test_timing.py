@@ -18,7 +18,6 @@ from sqrp_cli.motion.timing import (
     joint_move_duration,
     rest_to_rest,
     rest_to_rest_duration,
-    time_path,
     time_paths,
 )
 from sqrp_cli.trajectory import JointPath, Trajectory
@@ -130,8 +129,10 @@ def test_under_proportional_limits_a_joint_move_lasts_as_long_as_ruckigs_phase_s
 @settings(max_examples=30)
 def test_a_curved_path_keeps_every_limit_at_a_finer_step_than_the_one_used(seed):
     rng = np.random.default_rng(seed)
-    limits = random_limits(rng)
-    assert excess(time_path(random_path(rng), limits), limits, 1009) <= 1.0
+    limits, path = random_limits(rng), random_path(rng)
+    along = limits.along(path.derivative_bounds().max(axis=0))  # as if it were straight, as steep as its steepest place
+    (trajectory,) = time_paths([path], limits, along)
+    assert excess(trajectory, limits, 1009) <= 1.0
 
 
 @given(st.integers(0, 10_000), st.floats(0.01, 1))
@@ -140,7 +141,7 @@ def test_a_path_with_limits_along_it_keeps_both_and_is_slowed_down_only_as_neede
     rng = np.random.default_rng(seed)
     path, limits = random_path(rng), random_limits(rng)
     along = MotionLimits(*(np.array(x) for x in (speed, 2 * speed, 20 * speed)))
-    trajectory = time_path(path, limits, along)
+    (trajectory,) = time_paths([path], limits, along)
     ratio = excess(trajectory, limits, 1009)
     assert ratio <= 1.0
     assert trajectory.duration >= rest_to_rest(along).breaks[-1] * (1 - 1e-12)
@@ -156,7 +157,7 @@ def test_many_paths_at_once_are_timed_like_each_alone():
     paths = [random_path(rng) for _ in range(5)]
     paths[2:2] = [JointPath(path.breaks, path.coefficients[:, :4]) for path in paths[:2]]
     durations = [trajectory.duration for trajectory in time_paths(paths, limits, along)]
-    assert durations == pytest.approx([time_path(path, limits, along).duration for path in paths], rel=1e-12)
+    assert durations == pytest.approx([time_paths([path], limits, along)[0].duration for path in paths], rel=1e-12)
     assert len(set(durations)) > 3
 
 
@@ -177,4 +178,5 @@ def test_a_law_lasts_hardly_longer_than_the_fastest_of_its_form(seed):
     rng = np.random.default_rng(seed)
     limits, path, speed = random_limits(rng), random_path(rng), float(rng.uniform(0.05, 1.0))
     along = MotionLimits(*(np.array(x) for x in (speed, 2 * speed, 20 * speed)))
-    assert time_path(path, limits, along).duration <= 1.03 * fastest_by_brute_force(path, limits, along)
+    (trajectory,) = time_paths([path], limits, along)
+    assert trajectory.duration <= 1.03 * fastest_by_brute_force(path, limits, along)
