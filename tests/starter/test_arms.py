@@ -62,7 +62,7 @@ WELD, FINGER = (
 UNUSABLE = {
     "nothing moves": ((WELD,), None, "all its joints are fixed", "arm"),
     "only a gripper": ((FINGER,), None, "`left_finger` look", "--tip"),
-    "links in a circle": (LOOP, None, "links form a cycle", "such as `back`: a URDF is a tree"),
+    "links in a circle": (LOOP, None, "links form a cycle", "such as `there`: a URDF is a tree"),
     "an axis of length zero": ((turning("j0", "base", "tip", "0 0 0", "0 0 0"),), None, "length zero", 'xyz="0 0 1"'),
     "no such tip": (SIX_AXES, "nolink", "`nolink`, which is no link", "`--tip LINK`"),
     "a tip that stands still": (SIX_AXES, "base", "no joint moves `base`", "`--tip LINK`"),
