@@ -40,7 +40,7 @@ ROOMS = {
     "run": ("run", 7_080),
     "field": ("field ros", 2_911),
     "score": ("score", 2_294),
-    "show": ("show", 4_805),
+    "show": ("show", 4_802),
     "ask": ("ask cli __init__ __main__", 5_119),
     "studio": ("studio", 1_689),
     "starter, platform": ("starter platform", 2_331),
