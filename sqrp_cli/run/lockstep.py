@@ -36,10 +36,8 @@ FEELING = 0.004
 """Time between looks at the force of a guarded move [s]."""
 SAME_INSTANT = 0.0015
 """Times that are closer are one [s]: the simulation steps by 2 ms, and takes images at the nearest step."""
-DueKind = Literal["tool", "primitive", "fault"]
-"""A command to the tool, the beginning of a primitive, or a fault to inject."""
 Due: TypeAlias = Literal["grasp", "release", "released"] | ProgramPrimitive | InjectedFault
-"""What is due at a time: for the tool, that it grasps, that it lets go, and that it has."""
+"""What is due at a time: that the tool grasps, lets go, and has; that a primitive begins; a fault to inject."""
 Moment: TypeAlias = tuple[float | None, Mapping[str, bool], bool]
 """What a run knows of a time: that of the step's motion [s], None before it; the true values of all atoms, in a real
 cell the planned ones; and whether the tool was commanded to hold."""
@@ -207,7 +205,7 @@ class Lockstep:
         self.collector, self.publisher = collector, publisher
         self.faults = FaultTracker(cell, collector.streams, publisher)
         self._commands = deque([(-float("inf"), before.held is not None)], MOST_COMMANDS)
-        self._due: list[tuple[float, DueKind, Due]] = []
+        self._due: list[tuple[float, Due]] = []
         self.now = 0.0
         """The time on the cell's clock [s]."""
         self.attempt: Attempt | None = None
@@ -222,13 +220,13 @@ class Lockstep:
         self.collector.watch(attempt, number, self.now)
         self.publisher.publish("step", self.now, **step_began(attempt.step, number))
 
-    def schedule(self, t: float, kind: DueKind, what: Due) -> None:
+    def schedule(self, t: float, what: Due) -> None:
         """Do something at a time [s] of the cell's clock, after what is due at the same time already."""
-        insort(self._due, (t, kind, what), key=lambda due: due[0])
+        insort(self._due, (t, what), key=lambda due: due[0])
 
-    def cancel(self, *kinds: str) -> None:
-        """Do nothing of some kinds any more."""
-        self._due = [due for due in self._due if due[1] not in kinds]
+    def cancel(self, *kinds: type) -> None:
+        """Do nothing of some kinds any more; commands to the tool are of the kind `str`."""
+        self._due = [due for due in self._due if not isinstance(due[1], kinds)]
 
     def command_hold(self, *, holding: bool) -> None:
         """The tool counts as commanded to hold, or not, from now on."""
@@ -307,7 +305,7 @@ class Lockstep:
         with self.publisher.timed("waiting for perception"):
             arrived = streams.collect(self.now)
         while self._due and self._due[0][0] <= self.now + 1e-9 and attempt is not None:
-            match self._due.pop(0)[2]:
+            match self._due.pop(0)[1]:
                 case "grasp":
                     self.cell.grasp()
                     self.command_hold(holding=True)
@@ -328,7 +326,7 @@ class Lockstep:
 
     def stop(self, reason: str, *, protective: bool = False) -> None:
         """Bring the arm to rest along its path, looking on; protective: as fast as it may, whatever cameras do."""
-        self.cancel("tool", "primitive")
+        self.cancel(str, ProgramPrimitive)
         self.now = self.collector.streams.present(self.now)
         self.last_stop = StopTimes(self.now)
         self.publisher.publish("stopping", self.now, reason=reason)

@@ -189,14 +189,14 @@ class Run:
         for primitive in attempt.step.primitives:
             begin, end = start + primitive.start, start + primitive.end
             if primitive.action == "Grasp":
-                schedule(begin, "tool", "grasp")
+                schedule(begin, "grasp")
             elif primitive.action == "Release":  # fingers follow their motion from its beginning
-                schedule(begin if lockstep.fingers is not None else end, "tool", "release")
-                schedule(end, "tool", "released")
-            schedule(begin, "primitive", primitive)
+                schedule(begin if lockstep.fingers is not None else end, "release")
+                schedule(end, "released")
+            schedule(begin, primitive)
         for fault in [fault for fault in self._faults if fault.step == number]:
             self._faults.remove(fault)
-            schedule(start + (fault.t or 0.0), "fault", fault)
+            schedule(start + (fault.t or 0.0), fault)
         lockstep.motion.play(attempt.step.primitives, start)
         end = start + attempt.step.time
         while lockstep.now < end - 1e-9 or self._streams.has_arrival_from(end):
@@ -208,7 +208,7 @@ class Run:
                     if self._report.steps[-1].attempts > 1:
                         raise bad_input("bad-fault", "a fault happens in the first try of a step")
                     fault = parse_fault(text, self._program.steps, (), np.random.default_rng(0), "slip")
-                    schedule(start + (fault.t or 0.0), "fault", fault)
+                    schedule(start + (fault.t or 0.0), fault)
                 except InputError as error:
                     refused = error.problems[0].message
                 self._spectator.told(text, refused)
@@ -250,7 +250,7 @@ def prepare_retry(lockstep: Lockstep, replanner: Replanner, attempt: Attempt, al
         return condition is None or evaluate(condition, [(0.0, known)], 0.0, 0.0).at(0) == Truth.TRUE
 
     attempt.failed, attempt.undisturbed = True, False
-    lockstep.cancel("tool")
+    lockstep.cancel(str)
     where = ""  # it looks, for the reason why it stops
     if when is not None and condition is not None and not is_seen():
         # The next place along the motion from which all atoms of the condition are predicted to be seen, else its end.

@@ -148,8 +148,7 @@ def _joints(cell: RosCell, start: Mapping[str, float], seen: list[Mapping[str, f
     limits, found = cell.file.tolerances, cell.measured_joints()
     if not found:
         return
-    missing = [name for name in cell.moved if name not in found]
-    for name in missing:
+    for name in (name for name in cell.moved if name not in found):
         yield CellCheck("robot", "joints", "none", name, f"`{cell.file.joint_states}` does not say where `{name}` is")
     off = {name: found[name] - q for name, q in start.items() if name in found and name in cell.moved}
     if off:
