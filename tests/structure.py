@@ -37,7 +37,7 @@ ROOMS = {
     "study": ("study", 4_483),
     "search": ("search", 4_294),
     "checks": ("checks", 1_347),
-    "run": ("run", 7_080),
+    "run": ("run", 7_077),
     "field": ("field ros", 2_911),
     "score": ("score", 2_294),
     "show": ("show", 4_802),
