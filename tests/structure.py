@@ -32,7 +32,7 @@ ROOMS = {
     "logic": ("logic", 2_296),
     "skill, program, recording": ("skill program recording", 2_608),
     "task": ("task", 1_021),
-    "motion": ("motion", 2_944),
+    "motion": ("motion", 2_948),
     "sight": ("kernel sight", 1_310),
     "study": ("study", 4_483),
     "search": ("search", 4_294),

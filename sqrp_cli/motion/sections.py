@@ -93,6 +93,8 @@ class MotionProblem:
     failures: list[tuple[int, str]] = field(default_factory=list)
     """Why branches fail, each with the index of the failing primitive."""
     out_of_reach: bool = False  # whether a waypoint is, obstacles ignored
+    _solutions: dict[bytes, Array | Unreachable] = field(default_factory=dict, init=False)
+    """By pose: those of a section are asked for by its branches, their names and their ways."""
 
     def reasons(self, most: int) -> tuple[str, ...]:
         """At most `most` different reasons, those of the branches that got furthest first."""
@@ -101,7 +103,9 @@ class MotionProblem:
 
     def solutions(self, X_WT: Array) -> Array | Unreachable:
         """The joint positions that bring the tool frame to a pose, shape (4, 4), or why there are none."""
-        return all_solutions(self.model, X_WT, self.seed, self.redundancy_samples)
+        if (pose := X_WT.tobytes()) not in self._solutions:
+            self._solutions[pose] = all_solutions(self.model, X_WT, self.seed, self.redundancy_samples)
+        return self._solutions[pose]
 
     @cached_property
     def bounds(self) -> JointSpan:

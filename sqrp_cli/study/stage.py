@@ -31,7 +31,7 @@ class Samples:
     def __len__(self) -> int:
         return len(self.t)
 
-    @property
+    @cached_property
     def gaps(self) -> Array:
         """Time from each sample to the next within its piece [s], 0 at the end of a piece, shape (m - 1,)."""
         return np.where(np.diff(self.piece) == 0, np.diff(self.t), 0.0)

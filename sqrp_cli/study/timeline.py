@@ -30,7 +30,7 @@ _SHARE = 0.1
 """Of the error that may remain, so much is left: qualities are compared rounded to the default, and ways that see the
 same must not differ by how their brackets lie."""
 
-_CUTS = range(1, 9)
+_ROUNDS = np.arange(1, 9)
 """In how many rounds a bracket may be narrowed."""
 _LOOK = 100
 """Fixed cost of one observation, in samples."""
@@ -336,8 +336,8 @@ def _finer(timeline: Timeline, tolerance: float) -> tuple[Samples, Indices] | No
     rows = np.flatnonzero(ratio > 1 + 1e-9)
     if not len(rows):
         return None
-    choices = [(rounds, np.ceil(ratio[rows] ** (1 / rounds) - 1e-9).astype(np.int64).clip(2)) for rounds in _CUTS]
-    _, parts = min(choices, key=lambda one: one[0] * (_LOOK + int(one[1].sum())))
+    choices = np.ceil(ratio[rows] ** (1 / _ROUNDS[:, None]) - 1e-9).astype(np.int64).clip(2)
+    parts = choices[(_ROUNDS * (_LOOK + choices.sum(axis=1))).argmin()]
     bracket, part = ranges(np.ones(len(rows)), parts)
     row = rows[bracket]
     return Samples(piece[row], t[row] + (gaps[rows] / parts)[bracket] * part), row
