@@ -26,7 +26,7 @@ LONG = 30
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_382),
     "files": ("files", 2_049),
-    "robot": ("robot", 3_031),
+    "robot": ("robot", 3_033),
     "camera": ("camera", 2_299),
     "cell": ("cell", 3_578),
     "logic": ("logic", 2_296),

@@ -130,9 +130,11 @@ class JointTree:
 
     def link_poses(self, positions: Array) -> dict[str, Array]:
         """World pose X_WL of every link, shape (m, 4, 4) each, at positions of all joints, shape (m, N)."""
-        X_WJ = self.poses(positions)
-        return {
-            link: X_JL[None].repeat(len(positions), axis=0) if joint < 0 else X_WJ[:, joint] @ X_JL
+        X_WJ, shape = self.poses(positions), (len(positions), 4, 4)
+        return {  # one product of the rows of all poses is several times as fast as one for each
+            link: np.tile(X_JL, (shape[0], 1, 1))
+            if joint < 0
+            else (X_WJ[:, joint].reshape(-1, 4) @ X_JL).reshape(shape)
             for link, (joint, X_JL) in self.mounts.items()
         }
 
