@@ -43,18 +43,19 @@ def failing_literals(
 
     facts: the atoms that hold; every other atom is false.
     """
+    return tuple(dict.fromkeys(_failing(ground_condition(action.precondition, binding, objects, domain), facts)))
 
-    def failing(part: GroundCondition) -> Iterator[UnmetPart]:
-        if isinstance(part, Literal):
-            if (part.atom in facts) != part.positive:
-                yield part
-        elif part.every:
-            for inner in part.parts:
-                yield from failing(inner)
-        elif all(next(failing(alternative), None) for alternative in part.parts):
-            yield part.text
 
-    return tuple(dict.fromkeys(failing(ground_condition(action.precondition, binding, objects, domain))))
+def _failing(part: GroundCondition, facts: frozenset[Atom]) -> Iterator[UnmetPart]:
+    """The parts of a condition that do not hold, from left to right."""
+    if isinstance(part, Literal):
+        if (part.atom in facts) != part.positive:
+            yield part
+    elif part.every:
+        for inner in part.parts:
+            yield from _failing(inner, facts)
+    elif all(next(_failing(alternative, facts), None) for alternative in part.parts):
+        yield part.text
 
 
 def apply_effect(action: pddl.Action, binding: Binding, facts: frozenset[Atom]) -> frozenset[Atom]:

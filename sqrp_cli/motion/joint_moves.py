@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache, reduce
+from functools import reduce
 from itertools import pairwise
 from typing import Literal
 
@@ -107,7 +107,9 @@ class JointMoves:
         """ways: those through each section. each: whether all will be asked for, not only the most promising."""
         self._each, self._timed = each, [dict[int, tuple[Trajectory, ...]]() for _ in ways]
         self._problem, self._sections, self._ways = problem, problem.sections, ways
-        self._tied_is_free, self._move = cache(self._check_tied), cache(self._find)
+        # What was found; a cache of bound methods would hold the motion until garbage is collected.
+        self._free = dict[tuple[int, int], bool]()
+        self._moves = dict[tuple[int, int, int, _How], FoundMove | Contact | Infeasible | None]()
         self.tries = 0
         """Straight pieces that searches for ways around have checked."""
         self.durations: list[Array] = []
@@ -137,7 +139,9 @@ class JointMoves:
         around: whether there is a way around the obstacle of that move, first by its vias; none for moves by home.
         """
         section = self._sections[i]
-        if not self._tied_is_free(i, int(self._ways[i].of[chosen])):
+        if (tied := (i, int(self._ways[i].of[chosen]))) not in self._free:
+            self._free[tied] = self._check_tied(*tied)
+        if not self._free[tied]:
             return False
         has_vias = around and self._problem.primitives[section.first - 1].vias is not None
         hows: tuple[_How, ...] = ("through", "around") if has_vias else ("around",) if around else ("direct",)
@@ -156,6 +160,12 @@ class JointMoves:
                 move = self._move(i, chosen[i - 1], chosen[i], "around")
             moves += [move] if isinstance(move, tuple) else []
         return moves
+
+    def _move(self, i: int, previous: int, chosen: int, how: _How) -> FoundMove | Contact | Infeasible | None:
+        """A move to a way through section i, searched for when first asked for."""
+        if (asked := (i, previous, chosen, how)) not in self._moves:
+            self._moves[asked] = self._find(*asked)
+        return self._moves[asked]
 
     def _find(self, i: int, previous: int, chosen: int, how: _How) -> FoundMove | Contact | Infeasible | None:
         """The direct move, or the one by home, unless something is in its way; the one through its vias; one around."""
