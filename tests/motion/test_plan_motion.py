@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import re
 from dataclasses import replace
 from itertools import pairwise, product
@@ -15,8 +16,9 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose
 from sqrp_cli.motion.collision import CLEARANCE, pair
-from sqrp_cli.motion.joint_moves import fastest_sequence
+from sqrp_cli.motion.joint_moves import JointMoves, fastest_sequence
 from sqrp_cli.motion.plan_motion import Motion
+from sqrp_cli.motion.sections import MotionProblem
 from sqrp_cli.motion.timing import MotionLimits, joint_move, time_paths
 from sqrp_cli.motion.tool_path import tool_line
 from sqrp_cli.robot.inverse_kinematics import all_solutions
@@ -67,6 +69,15 @@ def vias_of(cell: Cell) -> dict[str, Array]:
     a1, a5 = (direct.primitives[k].trajectory.path.positions([0.3, 0.7]) for k in (0, 4))
     aside, back = np.array([[0.0, -0.3, 0.2, 0.4, 0.0, 0.5], [0.2, -0.3, 0.0, 0.0, 0.6, -0.4]])
     return {"a1": a1[:1] + aside, "a5": a5 + back}
+
+
+def test_what_a_motion_was_planned_with_is_let_go_before_garbage_is_collected(cell):
+    gc.disable()  # thousands of candidates would wait for it
+    try:
+        cell.plan()
+        assert not [one for one in gc.get_objects() if isinstance(one, JointMoves | MotionProblem)]
+    finally:
+        gc.enable()
 
 
 def test_position_velocity_acceleration_and_jerk_keep_their_limits_throughout(motion, ur5):
