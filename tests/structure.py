@@ -27,7 +27,7 @@ ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_382),
     "files": ("files", 2_049),
     "robot": ("robot", 3_033),
-    "camera": ("camera", 2_299),
+    "camera": ("camera", 2_301),
     "cell": ("cell", 3_578),
     "logic": ("logic", 2_297),
     "skill, program, recording": ("skill program recording", 2_608),

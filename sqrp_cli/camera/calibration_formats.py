@@ -231,7 +231,9 @@ _Matrix = foreign(rows=(_Count | None, None), cols=(_Count | None, None), data=_
 _Matrices: Any = MappingOr[_Matrix, _Numbers]  # type: ignore[misc, valid-type]
 _Natural = (Annotated[int, Field(ge=0)], 0)
 _Region = foreign(x_offset=_Natural, y_offset=_Natural, width=_Natural, height=_Natural)
-_CUT = foreign(binning_x=_Natural, binning_y=_Natural, roi=(_Region, Field(default_factory=_Region)))
+# A list is OpenCV's, of the undistorted images that `getOptimalNewCameraMatrix` is for: it cuts nothing here.
+_Cut = Annotated[_Region, BeforeValidator(lambda roi: {} if isinstance(roi, list) else roi)]  # type: ignore[valid-type]
+_CUT = foreign(binning_x=_Natural, binning_y=_Natural, roi=(_Cut, Field(default_factory=_Region)))
 _SHARED = ("size", "width", "height", "model", "kind")  # words that cameras of one mapping may have in common
 _PINHOLE = ("fx", "fy", "cx", "cy")
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
