@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -178,16 +177,10 @@ class Workspace:
         """SHA-256 of these values."""
         return digest_of_values(self.canonical_values)
 
-    @property
-    def file_digest(self) -> str:
-        """SHA-256 of the bytes of all files, by which programs of earlier versions know a workspace."""
-        parts = "".join(f"{role}\0{self.files[role].digest}\n" for role in sorted(self.files))
-        return hashlib.sha256(parts.encode()).hexdigest()
-
     @cached_property
     def digests(self) -> frozenset[str]:
         """All digests by which it is known: what its skills say for people alone may have been added since."""
-        return frozenset((self.digest, self.file_digest, digest_of_values(without_words(self.canonical_values))))
+        return frozenset((self.digest, digest_of_values(without_words(self.canonical_values))))
 
     @property
     def markers(self) -> Mapping[str, Marker]:

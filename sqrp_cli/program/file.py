@@ -68,8 +68,7 @@ def save_program(program: Program, path: Path) -> None:
     numbers = program.model_dump(mode="json", by_alias=True)
     numbers |= {"checksum": _digest(_summed(program)), "marks": "".join(_marks(program).values())}
     Program.model_validate(numbers)  # An invalid figure is a bug; find it before the file is written.
-    said = {subject: _OneLine(values) for subject, values in numbers.pop("made_for").items()}
-    numbers |= {"made_for": said} if said else {}
+    numbers["made_for"] = {subject: _OneLine(values) for subject, values in numbers["made_for"].items()}
     text = head + yaml.dump(numbers, Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True)
     if len(text.encode()) > MAX_BYTES:
         message = f"with {len(program.steps)} steps this program would have more than {MAX_BYTES:,} bytes, the limit"
@@ -187,18 +186,19 @@ def stale(program: Program, path: Path, workspace: Workspace) -> Problem | None:
 
     None if it holds.
     """
-    known = digest_of_values(program.made_for) == program.digest
     in_file = [subject.removeprefix("skill ") for subject in program.made_for if subject.startswith("skill ")]
     now = with_skills(workspace.canonical_values, in_file)
-    if program.digest in (digest_of_values(now), workspace.file_digest):
+    if program.digest == digest_of_values(now):
         return None
-    changes = what_changed(program.made_for, workspace.canonical_values, program.skills) if known else ()
-    if known and not changes:
+    if program.digest != digest_of_values(program.made_for):
+        message = "what this program keeps of its workspace was edited, so nobody knows whether it still holds"
+        return Problem("stale-program", message, Place(path), mend=_again(program, path))
+    changes = what_changed(program.made_for, workspace.canonical_values, program.skills)
+    if not changes:
         return None
     message = f"the workspace `{workspace.name}` has changed since this program was written, so it no longer holds"
     more = len(changes) - _CHANGES_NAMED
     what = "; ".join(changes[:_CHANGES_NAMED]) + (f"; and {more} more changes" if more > 1 else "; and one more" * more)
-    what = what or "an earlier version wrote it, which did not keep what the workspace said"
     return Problem("stale-program", f"{message}: {what}", Place(path), mend=_again(program, path))
 
 

@@ -47,7 +47,7 @@ _Motion = Annotated[
 
 
 class _Sparse(Entry):
-    """An entry that leaves out of the file what has its default, which earlier versions do not know."""
+    """An entry that leaves out of the file what has its default."""
 
     @model_serializer(mode="wrap")
     def _without_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, object]:
@@ -72,7 +72,7 @@ class ProgramGuard(Entry):
 class ProgramPrimitive(_Sparse):
     """A primitive action with its time and its motion.
 
-    name: as in the skill. does: what it does, in a word or two; None in programs of earlier versions. action: the kind
+    name: as in the skill. does: what it does, in a word or two; None if the skill does not say. action: the kind
     of action, such as `JointMove` or `Grasp`. start, end: from the start of the step [s]. held: the object in the tool
     throughout; None if there is none. trajectory: the exact motion, on a clock from `start`. guard: of a move that ends
     at contact; left out of the file for all others.
@@ -104,7 +104,7 @@ class ProgramFormula(_Sparse):
 
     formula: about objects, all times in seconds from the start of the step. fault: name of the fault that it describes;
     None if it describes none. settle: time that a literal may lag behind its expected change [s]. words: what happens
-    at that fault, such as `it slips while it is lifted`; programs of earlier versions lack it.
+    at that fault, such as `it slips while it is lifted`; None if the skill does not say.
     """
 
     formula: str
@@ -121,7 +121,7 @@ class ProgramTarget(_Sparse):
     """What decides an atom.
 
     cameras: how many must each see all boxes. boxes: where to look. seen: intervals in which a camera sees all boxes,
-    by its name. usual: those in which its images usually show them; programs of earlier versions lack it.
+    by its name. usual: those in which its images usually show them.
     refuted: those in which they usually show that the atom is false; empty where that takes the same as to confirm it.
     """
 
@@ -165,8 +165,8 @@ class Step(Entry):
     """A chosen candidate: a skill with all its parameters, objects and motion parameters by name.
 
     task: as it was asked for. time: duration of its motion [s]. q_avg, q_eoi: in 0..1; None where no formula applies,
-    or there is no event of interest. faults, sights: the cost of each fault and when images show it, by its name;
-    programs of earlier versions lack the latter. verdict: where it is blind, why, and what would help. primitives: in
+    or there is no event of interest. faults, sights: the cost of each fault and when images show it, by its name.
+    verdict: where it is blind, why, and what would help. primitives: in
     the order in which they are done. formulas: of the skill, in its order. targets: by the atom that they decide.
     before, after: the world that it starts from, and the one that it leaves behind.
     """
@@ -229,11 +229,10 @@ class Step(Entry):
 class Program(Entry):
     """Steps for one workspace, in the order in which they are done.
 
-    workspace: its file, relative to the program's. digest: of `made_for`; without that, of the bytes of the workspace's
-    files. checksum: of all that a file says apart from its workspace; empty until it is saved. marks: a sign for each
-    value; they show where a file was changed whose checksum does not fit. joints: names of those of all trajectories,
-    in their order. made_for: what the workspace said that matters, see `workspace.canonical_values`: it tells what has
-    changed since; programs of earlier versions lack it.
+    workspace: its file, relative to the program's. digest: of `made_for`. checksum: of all that a file says apart from
+    its workspace; empty until it is saved. marks: a sign for each value; they show where a file was changed whose
+    checksum does not fit. joints: names of those of all trajectories, in their order. made_for: what the workspace said
+    that matters, see `workspace.canonical_values`: it tells what has changed since.
     """
 
     sqrp_program: Literal[1] = 1

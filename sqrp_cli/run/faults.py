@@ -294,9 +294,8 @@ class FaultTracker:
         for name, one in watched:
             holds = all(truths[str(literal.atom)] == literal.positive for literal in one.literals)
             if one.start <= tau <= one.end and holds:
-                sight = attempt.step.sights.get(name)  # programs of earlier versions lack it
                 for record in (record for record in self.open if record.happened is None):
-                    record.happened, record.predicted_delay = t, None if sight is None else sight.latest(tau)
+                    record.happened, record.predicted_delay = t, attempt.step.sights[name].latest(tau)
                     self._publisher.publish("happened", t, fault=record.name)
                 return
 

@@ -70,7 +70,7 @@ class WayRecord(FileRecord):
 
     candidate: str
     choice: str | None = None
-    """The way behind the figures, such as `left, flipped`; None if infeasible, or from an earlier version."""
+    """The way behind the figures, such as `left, flipped`; None if infeasible."""
     feasible: bool
     reasons: tuple[str, ...] = ()
     time: Seconds | None = None
@@ -105,7 +105,7 @@ class WorkspaceRecord(FileRecord):
     """A workspace with its tasks by their text."""
 
     digest: str
-    """Of what was understood of it, see `Workspace.digest`; in earlier versions of the bytes of its files."""
+    """Of what was understood of it, see `Workspace.digest`."""
     files: Mapping[str, str]
     """The digest of each file by its role."""
     tasks: Mapping[str, TaskRecord]

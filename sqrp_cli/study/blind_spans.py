@@ -165,7 +165,7 @@ class TargetCoverage(FileRecord):
     blind: Mapping[str, tuple[BlindSpan, ...]]
     """Per camera, in order of time and without overlap, when it does not see the required target."""
     says: str = ""
-    """The atom in words; baselines of earlier versions lack it."""
+    """The atom in words."""
 
     def seen_by(self, camera: str) -> tuple[TimeInterval, ...]:
         """When a camera sees it; never if there is no such camera."""

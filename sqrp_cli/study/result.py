@@ -189,7 +189,7 @@ class CandidateResult(Figures):
         return "" if latest is None or latest.why is None else latest.why.words
 
     def happening(self, fault: str) -> str:
-        """What happens at a fault, in words; documents of earlier versions lack them."""
+        """What happens at a fault, in words."""
         return self.happens.get(fault, f"`{fault}` happens")
 
     @property

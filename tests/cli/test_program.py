@@ -13,7 +13,6 @@ import pytest
 import yaml
 
 from sqrp_cli.ask.api import session
-from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cli.completion import tasks
 from sqrp_cli.program.file import check_unedited, load_program, save_program
 from tests.cells import edit
@@ -201,23 +200,6 @@ def test_a_program_holds_when_the_order_of_keys_changes(sqrp, folder):
     file.write_text("\n\n".join([parts[0], *reversed(parts[1:])]), encoding="utf-8")
     outcome = sqrp("program", folder / "program.yaml", "--json")
     assert (outcome.code, outcome.err, outcome.document["stale"]) == (0, "", False)
-
-
-def test_a_program_of_an_earlier_version_holds_until_a_byte_changes_and_can_be_continued(sqrp, folder):
-    """One as versions wrote it that knew a workspace by the bytes of its files."""
-    path = folder / "program.yaml"
-    known = load_workspace(folder / "watch").file_digest
-    save_program(load_program(path).model_copy(update={"digest": known, "made_for": {}}), path)
-    earlier = path.read_bytes()
-    assert "made_for" not in yaml.safe_load(earlier)
-    assert sqrp("program", path, "--json").document["stale"] is False
-    assert sqrp("rank", folder / "watch", "watch high", "--program", path).code == 0
-    assert load_program(path).made_for["camera eye"]["near"] == 0.5
-    path.write_bytes(earlier)
-    edit(folder / "watch", "detectors:", "# what sees\ndetectors:")
-    outcome = sqrp("program", path, "--json", columns=500)
-    assert outcome.document["stale"] is True
-    assert "an earlier version wrote it" in outcome.err
 
 
 @pytest.mark.parametrize("command", [["check"], ["rank"], ["explain"], ["advise", "--want", "q_avg 1 %"]])

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.platform.files import os as files_os
 from sqrp_cli.show.terminal.search_tables import column_titles
 from sqrp_cli.study.pipeline import RankJob
@@ -38,16 +37,6 @@ def cells(own_watch, tmp_path):
     edit(folder / "low", "task: watch green, min_q_avg: 60 %", "task: watch behind, min_q_avg: 60 %, max_time: 3 s")
     edit(folder / "broken", "near: 50 cm", "near: 50 kg")
     return folder
-
-
-def test_a_baseline_of_an_earlier_version_knows_a_workspace_by_its_bytes(sqrp, own_watch, tmp_path):
-    baseline = tmp_path / "baseline.json"
-    assert sqrp("score", own_watch, "--save-baseline", baseline).code == 0
-    data = json.loads(baseline.read_text(encoding="utf-8"))
-    data["workspaces"]["watch"]["digest"] = load_workspace(own_watch).file_digest
-    baseline.write_text(json.dumps(data), encoding="utf-8")
-    outcome = sqrp("score", own_watch.rename(tmp_path / "renamed"), "--baseline", baseline, "--json")
-    assert (outcome.code, outcome.document["renamed"]) == (0, {"renamed": "watch"})
 
 
 @pytest.fixture

@@ -265,8 +265,10 @@ def _diff(
 
         means = ask.means(seed, workers)
         old, new = read_version(before), read_version(after)
-        same = old.workspace and new.workspace and old.workspace.file_digest == new.workspace.file_digest
-        if not json and same:  # nothing can differ, not even what is computed
+        content = [
+            one.workspace and {role: of.digest for role, of in one.workspace.files.items()} for one in (old, new)
+        ]
+        if not json and content[0] and content[0] == content[1]:  # nothing can differ, not even what is computed
             findings = Scorecard(document="diff", results=())
         else:
             with open_computer(means) as computer:

@@ -119,7 +119,7 @@ class EventFields:
     boxes: Annotated[dict[str, list[AskedBox]], _says("Where images are searched, by atom.")]
     says: Annotated[dict[str, str], _says("The facts in words, by atom.", {})]
     name: Annotated[str, _says("As in the skill.")]
-    does: Annotated[str | None, _says("What it does, in a word or two; None in logs of earlier versions.", None)]
+    does: Annotated[str | None, _says("What it does, in a word or two; None if the skill does not say.", None)]
     exposed: Annotated[FiniteFloat, _says("When the images were taken [s].")]
     step_time: Annotated[
         FiniteFloat | None, _says("The same since the motion of the step began [s]; null before it.", None)
@@ -163,7 +163,7 @@ class Event(BaseModel, _Fields):
     def line(self) -> dict[str, object]:
         """Its line in the log."""
         fields = self.model_dump(exclude_unset=True, exclude={"report"})
-        if self.event == "report":  # as in logs of earlier versions, no wall time, no camera of a fault of a step
+        if self.event == "report":  # no wall time, no camera of a fault of a step
             fields |= {key: value for key, value in asdict(self.report).items() if key not in _NOT_LOGGED}
             for fault in fields["faults"]:
                 if fault["camera"] is None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +16,7 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.platform.files import naming
 from sqrp_cli.recording.texts import log_lines, no_log
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.record.events import KINDS, VERSION, WHOLE_STATE, Event, Listener, event
-from sqrp_cli.run.record.report import Confusion, RunReport
+from sqrp_cli.run.record.events import KINDS, VERSION, WHOLE_STATE, Event, Listener
 
 SLACK = 0.01
 """Largest step back between events [s], since the simulation's clock is discrete."""
@@ -58,9 +56,7 @@ def read_log(path: Path) -> Iterator[Event]:
         found: Event | None = None
         try:
             if kind == "report":
-                # Logs of earlier versions have the times of the last stop each for itself.
-                stop = {"told": fields.get("stop_told"), "standing": fields.get("stop_done")}
-                found = KINDS[kind].model_validate({"t": t, "report": {"stop": stop, **fields, "wall": {}}})
+                found = KINDS[kind].model_validate({"t": t, "report": {**fields, "wall": {}}})
             elif kind in KINDS:
                 found = (WHOLE_STATE if kind == "state" and joints is None else KINDS[kind]).model_validate(fields)
         except ValidationError as error:
@@ -69,17 +65,9 @@ def read_log(path: Path) -> Iterator[Event]:
             problem = f"this `{kind}` is no event of a log: `{name}`: {message[0].lower()}{message[1:]}"
             raise no_log(problem, place) from None
         if found is not None and kind == "report":
-            report: RunReport = found.report
-            if report.prediction and not report.usual:  # of an earlier version, which knew of no usual images
-                usual = [
-                    {a: {name: Confusion(tn=one.tn, fn=one.fn) for name, one in of.items()} for a, of in step.items()}
-                    for step in report.prediction
-                ]
-                report = replace(report, usual=usual)
-                found = event(kind, t, report=report)
             shown, asked = (
                 [[(atom, name) for atom, cameras in step.items() for name in cameras] for step in steps]
-                for steps in (report.usual, report.prediction)
+                for steps in (found.report.usual, found.report.prediction)
             )
             if shown != asked:
                 problem = "the report at the end of this log has other literals under `usual` than under `prediction`"

@@ -54,7 +54,7 @@ class FaultRecord(Record):
     camera: str | None = None
     """The camera that failed; null for a fault of the step."""
     kind: str | None = None
-    """What was injected, such as `miss-pick`; null if nothing was. Logs of earlier versions lack it."""
+    """What was injected, such as `miss-pick`; null if nothing was."""
     delay: float | None = None
     """From `happened` to `detected` [s]; of a fault of a run that has ended."""
 
@@ -97,7 +97,7 @@ class StepRecord(Record):
     unseen: Mapping[str, float | None] = field(default_factory=dict)
     """Atoms that formulas require at the end of the motion but no image showed from then on: when one last did [s]."""
     says: Mapping[str, str] = field(default_factory=dict)
-    """The facts in words, such as `the tool holds g2`, by atom. Logs of earlier versions lack them."""
+    """The facts in words, such as `the tool holds g2`, by atom."""
 
 
 @dataclass
@@ -153,7 +153,7 @@ class Disagreement(Record):
     because: str
     """Why it was not seen if it was predicted to be: mask border, same colour behind, lighting or detector limit."""
     usual: bool = False
-    """Whether it is a usual image: not predicted, but such images usually show it. Logs of earlier versions lack it."""
+    """Whether it is a usual image: not predicted, but such images usually show it."""
 
 
 Prediction = dict[str, dict[str, Confusion]]
@@ -198,7 +198,7 @@ class RunReport(WorkspaceDocument):
     """Per step, of its first attempt, by literal and camera."""
     usual: list[Prediction] = field(default_factory=list)
     """Of the images that were not predicted to show a literal: usual images (`tp` + `fp`), of which `tp` showed it, and
-    all others (`fn` + `tn`), of which `fn` did. Logs of earlier versions lack it."""
+    all others (`fn` + `tn`), of which `fn` did."""
     disagreements: list[Disagreement] = field(default_factory=list)
     """Images in which a prediction was wrong, usual images among them."""
     conflicts: int = 0

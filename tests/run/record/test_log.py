@@ -78,9 +78,7 @@ def read(path: Path, log: list[dict[str, Any]]) -> list[Event]:
     return list(read_log(path))
 
 
-def test_a_log_that_knows_of_no_usual_images_has_none(tmp_path: Path) -> None:
-    *_, reported = read(tmp_path / "log", [RUN[0].line(), {**RUN[-1].line(), "usual": []}])
-    assert reported.report.usual == [{"held": {"cam1": Confusion(tn=2, fn=4)}}]
+def test_a_report_counts_usual_images_of_what_it_counts_predicted_ones_of(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has other literals under `usual`"):
         read(tmp_path / "log", [RUN[0].line(), {**RUN[-1].line(), "usual": [{"held": {}}]}])
 
