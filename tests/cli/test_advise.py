@@ -192,14 +192,6 @@ def page(tmp_path_factory):
     return tmp_path_factory.mktemp("advice") / "page.html"
 
 
-def test_the_advised_way_is_the_fastest_of_all_that_meet_the_wish(sqrp):
-    """All ways, each studied by itself; `rank` names few of them."""
-    command = ("advise", TABLETOP, "pickup g4", "--want", "time 26 s, q_eoi 100 %", "--kinds", "way", "--json")
-    (way,) = sqrp(*command).document["advice"]
-    enough = [one for one in all_ways("pickup g4") if one.time <= 26.0 and one.q_eoi == 1.0]
-    assert way["time"] == pytest.approx(min(one.time for one in enough), abs=1e-6)
-
-
 @pytest.mark.trial
 def test_a_delay_that_only_other_cameras_decide_has_an_answer(sqrp, tabletop):
     """The others see all of the event: the bound has nothing that the camera alone must see."""

@@ -22,21 +22,6 @@ OPTIONAL = ("PIL", "cv2", "distributed", "embreex", "fast_simplification", "mujo
 WITHOUT_EXTRAS = f"import sys\nsys.modules.update(dict.fromkeys({OPTIONAL}))  # importing one raises ImportError"
 
 
-def many_objects(folder) -> None:
-    """Add so many more objects to a copy of the hand-worked cell that several processes share the work."""
-    file = folder / "workspace.yaml"
-    text = file.read_text(encoding="utf-8")
-    names = [f"more{index}" for index in range(16)]
-    things = "".join(
-        f"  {name}: {{type: cube, color: brown, size: [2 cm, 2 cm, 2 cm],"
-        f" pose: {{position: [1.5, {0.05 * index - 0.4:.2f}, 1.3]}}}}\n"
-        for index, name in enumerate(names)
-    )
-    facts = "".join(f"in_place({name}), faces({name}), " for name in names)
-    text = text.replace("  stray:", things + "  stray:").replace("state: [", f"state: [{facts}")
-    file.write_text(text, encoding="utf-8")
-
-
 @pytest.fixture
 def held_by_two_facts(tmp_path):
     """The tower's cell where facts alone say what the tool holds, by two words for it that two skills make true."""
@@ -91,14 +76,6 @@ def test_everything_is_the_same_bytes_whatever_order_sets_have(held_by_two_facts
         assert said[1][name] == found, name
 
 
-def test_the_number_of_processes_changes_nothing(sqrp, own_watch):
-    many_objects(own_watch)
-    outcomes = [sqrp("rank", own_watch, "watch cube", "--json", "--jobs", jobs) for jobs in (1, 2, 3)]
-    assert [(outcome.code, outcome.err) for outcome in outcomes] == [(0, "")] * 3
-    assert len(outcomes[0].document["candidates"]) == 29
-    assert outcomes[0].out == outcomes[1].out == outcomes[2].out
-
-
 def test_another_process_with_another_hash_seed_and_no_optional_libraries_prints_the_same_bytes(
     sqrp, sqrp_process, tabletop
 ):
@@ -132,16 +109,6 @@ def test_the_order_of_cameras_and_objects_changes_no_figure(rank_changed):
     for name, candidate in before.items():
         for figure in ("time", "q_avg", "q_eoi", "faults", "states", "reasons", "pareto"):
             assert tidy(after[name][figure], 12) == tidy(candidate[figure], 12), (name, figure)
-
-
-def test_a_camera_less_never_shows_more(rank_changed):
-    before = rank_changed(lambda _: None)
-    after = rank_changed(lambda cell: cell["cameras"].pop(sorted(cell["cameras"])[0]))
-    for name, candidate in before.items():
-        if candidate["feasible"]:
-            assert after[name]["time"] == candidate["time"]
-            assert after[name]["q_avg"] <= candidate["q_avg"] + 1e-12
-            assert after[name]["q_eoi"] <= candidate["q_eoi"] + 1e-12
 
 
 def test_an_object_that_is_only_named_otherwise_changes_no_figure(sqrp, own_watch, watched):

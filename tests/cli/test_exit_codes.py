@@ -70,15 +70,6 @@ def test_ctrl_c_at_the_end_of_a_command_that_is_done_changes_nothing(sqrp_proces
 
 
 @pytest.mark.usefixtures("heeded_ctrl_c")
-def test_ctrl_c_before_anything_is_finished_exits_130(sqrp, watch, monkeypatch):
-    monkeypatch.setattr(pipeline.RankJob, "assess", press_ctrl_c)
-    for command in ("rank", "explain"):
-        outcome = sqrp(command, watch, "watch cube", "--jobs", 1)
-        assert outcome.code == 130
-        assert "Traceback" not in outcome.err
-
-
-@pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_while_the_page_is_written_keeps_the_ranking_and_the_program(sqrp, watch, tmp_path, monkeypatch):
     monkeypatch.setattr("sqrp_cli.show.pages.candidate_page.write_ranking", press_ctrl_c)
     page, program = tmp_path / "page.html", tmp_path / "program.yaml"

@@ -79,15 +79,6 @@ def test_a_full_hand_is_emptied_before_the_next_pick() -> None:
     assert str(result[0]) == "place(c0, t0)"
 
 
-def test_two_objects_change_places_over_a_third() -> None:
-    objects, facts = cell(2, 3)
-    goal = goal_of("on c0 t1", "on c1 t0")
-    result = find_plan(CELL, objects, facts, goal, {})
-    assert_reaches(result, CELL, objects, facts, goal)
-    assert isinstance(result, tuple)
-    assert len(result) == 6
-
-
 def test_an_impossible_choice_is_named_in_words() -> None:
     objects, facts = cell(1, 2)
     goal = read("""(define (domain g) (:requirements :typing :existential-preconditions) (:types tray movable)

@@ -26,10 +26,8 @@ from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import Solid, load_solids
 from sqrp_cli.sight.targets import Target
 from sqrp_cli.study import pipeline
-from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.pipeline import RankJob, assess_all
-from sqrp_cli.study.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount
-from sqrp_cli.study.stage import Stage
+from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.task import read_task
 from tests.sight.views import (
     box_part,
@@ -39,7 +37,7 @@ from tests.sight.views import (
     make_detector,
     random_pose,
 )
-from tests.task.studies import WatchedMotion, watched_motion
+from tests.task.studies import watched_motion
 
 STATES = 6
 SEEDS = st.integers(0, 199)
@@ -150,16 +148,6 @@ def test_coverage_alone_is_what_the_full_matrix_gives_response_included(seed: in
 
 
 @few
-@given(seed=SEEDS, states=st.lists(st.integers(0, STATES - 1), max_size=6, unique=True))
-def test_coverage_of_some_states_is_that_of_all_at_those(seed: int, states: list[int]) -> None:
-    watch = random_watch(seed)
-    rows = np.array(sorted(states), dtype=np.int64)
-    some, whole = watch.coverage(rows), watch.response
-    assert np.isnan(some).tolist() == np.isnan(whole[rows]).tolist()
-    assert same_response(some, whole[rows])
-
-
-@few
 @given(seed=SEEDS, too_many=st.integers(1, 4))
 def test_no_more_is_looked_at_once_too_much_is_lost(seed: int, too_many: int) -> None:
     watch = random_watch(seed)
@@ -183,7 +171,7 @@ def test_targets_looked_at_together_give_what_each_gives_alone(seed: int, data: 
     matrices = watch.observer.verdicts([w.target for w in watches], watch.states)
 
     for each, rows, coverage, matrix in zip(watches, asked, together, matrices, strict=True):
-        expected = each.coverage(rows)
+        expected = each.response[rows]
         assert np.isnan(coverage).tolist() == np.isnan(expected).tolist()
         assert same_response(coverage, expected)
         for box, other in zip(matrix, each.matrix, strict=True):
@@ -316,76 +304,6 @@ def test_quality_keeps_these_laws_over_a_motion(ur5: RobotModel, seed: int) -> N
     cleared = by(cameras, tuple(solid for solid in solids if solid.part.name not in ("plate", "cable")))
     for fewer, more in ((by(cameras[1:]), found), (found, cleared)):
         assert all(less <= much + 1e-12 for less, much in zip(fewer, more, strict=True))
-
-
-@settings(max_examples=8, deadline=None)
-@given(seed=st.integers(0, 200), share=st.sampled_from([1.0, 0.5]))
-def test_over_a_motion_coverage_alone_is_that_of_the_full_matrix(ur5: RobotModel, seed: int, share: float) -> None:
-    quick, full = (watched_motion(seed, ur5, share).timeline(FixedCount(15), full=full) for full in (False, True))
-    assert quick.covered.tolist() == full.covered.tolist()
-    assert same_response(quick.observation.response, full.observation.response)
-
-
-@pytest.fixture(scope="module")
-def analyses(tabletop: Workspace) -> dict[str, tuple[Analysis, Analysis]]:
-    """The feasible candidates of the tabletop, asked for coverage only and for the full matrix."""
-    cell, world = Cell.load(tabletop), tabletop.stated_world
-    found = {}
-    for candidate in read_task("pickup green", tabletop).candidates:
-        quick, full = (analyse(cell, candidate, world, Adaptive(), full=full) for full in (False, True))
-        if isinstance(quick, Analysis) and isinstance(full, Analysis):
-            found[candidate.name] = quick, full
-    return found
-
-
-def test_rank_and_explain_give_the_same_figures(analyses: dict[str, tuple[Analysis, Analysis]]) -> None:
-    assert analyses
-    for quick, full in analyses.values():
-        ranked, explained = quick.result, full.result
-        assert ranked.time == explained.time
-        assert (ranked.t_total, ranked.t_eoi) == (explained.t_total, explained.t_eoi)
-        assert ranked.q_avg == pytest.approx(explained.q_avg, abs=DEFAULT_TOLERANCE)
-        assert ranked.q_eoi == pytest.approx(explained.q_eoi, abs=DEFAULT_TOLERANCE)
-        for name, fault in ranked.faults.items():
-            other = explained.faults[name]
-            shift = 2 * DEFAULT_TOLERANCE * ranked.time
-            assert fault.delay_worst == pytest.approx(other.delay_worst, abs=shift)
-            assert fault.delay_mean == pytest.approx(other.delay_mean, abs=2 * shift)
-            assert fault.blind_longest == pytest.approx(other.blind_longest, abs=shift)
-            assert fault.expected_time == pytest.approx(other.expected_time, abs=4 * shift)
-
-
-def test_the_place_of_a_whole_cell_does_not_change_its_quality(
-    tabletop: Workspace, analyses: dict[str, tuple[Analysis, Analysis]]
-) -> None:
-    """The arm moves as before in a cell that stands elsewhere, turned any way; its cameras see the same."""
-    X_NW = random_pose(np.random.default_rng(3), (-2, -2, -2), (2, 2, 2))
-    cameras = {
-        name: replace(camera, X_FC=X_NW @ camera.X_FC) if camera.frame == "world" else camera
-        for name, camera in tabletop.cameras.items()
-    }
-    objects = {
-        name: thing if thing.X_WO is None else replace(thing, pose=X_NW @ thing.X_WO)
-        for name, thing in tabletop.objects.items()
-    }
-    robot = replace(tabletop.robot, X_WB=X_NW @ tabletop.robot.X_WB)
-    cell = Cell.load(replace(tabletop, robot=robot, cameras=cameras, objects=objects))
-    for quick, _ in analyses.values():
-        X_WO = {name: X_NW @ X for name, X in quick.planned.world.X_WO.items()}
-        primitives = tuple(
-            replace(p, X_WO={name: X_NW @ X for name, X in p.X_WO.items()}) for p in quick.planned.motion.primitives
-        )
-        stage = Stage(
-            cell.model, replace(quick.planned.motion, primitives=primitives), quick.planned.stage.pieces, X_WO
-        )
-        targets = tuple(
-            replace(t, boxes=tuple(replace(b, X_FB=X_NW @ b.X_FB) if b.frame == "world" else b for b in t.boxes))
-            for t in quick.planned.targets
-        )
-        there = WatchedMotion(stage, cell.observer, targets, quick.planned.formulas, quick.timeline.planned.faults)
-        found, before = there.timeline(Adaptive()).qualities, quick.timeline.qualities
-        assert found.q_avg == pytest.approx(before.q_avg, abs=DEFAULT_TOLERANCE)
-        assert found.q_eoi == pytest.approx(before.q_eoi, abs=DEFAULT_TOLERANCE)
 
 
 def test_two_processes_give_what_one_gives(tabletop: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
