@@ -1,4 +1,4 @@
-"""Where boxes are and what a camera's limits say about them, by kinematics and optics of our own.
+"""Where boxes are and what a camera's limits say about them, by kinematics of our own and the plain reference of sight.
 
 Only the JSON documents and the URDFs that they name are read.
 """
@@ -16,11 +16,16 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from sqrp_cli.camera.camera import Camera
+from tests.sight import reference
+from tests.sight.reference import Verdict
+from tests.sight.views import make_box, make_camera, make_detector
+
 Document = dict[str, Any]
 
 CELLS = ("tabletop", "harsh", "watch", "gripper")
 SIGNS = np.array(list(product((-0.5, 0.5), repeat=3)))
-EXACT = 1e-9
+EXACT, FAR = 1e-9, 1e6
 LIMITS = ("behind", "too_near", "too_far", "out_of_image", "detector_near", "detector_far", "oblique", "too_small")
 
 
@@ -99,99 +104,19 @@ class Arm:
         return X @ moved
 
 
-class Lens:
-    """The camera models of ROS (plumb_bob, rational_polynomial, equidistant), as OpenCV documents them."""
-
-    def __init__(self, camera: Document) -> None:
-        self._K = np.array(camera["K"])
-        self._model, self._D = camera["distortion_model"], np.array(camera["D"])
-        r = np.linspace(0.0, 20.0, 200_001)
-        shrinks = np.diff(self._radial(r)) <= 0
-        self._fold = r[int(shrinks.argmax())] if shrinks.any() else math.inf
-
-    def _radial(self, r: np.ndarray) -> np.ndarray:
-        """Distance from the axis in the image plane that a point at distance r gets from the radial terms."""
-        if self._model == "equidistant":
-            angle = np.arctan(r)
-            powers = [angle ** (2 * n + 3) for n in range(4)]
-            return angle + sum(k * power for k, power in zip(self._D, powers, strict=True))
-        k1, k2, _, _, k3, k4, k5, k6 = [*self._D, *[0.0] * (8 - len(self._D))]
-        return r * (1 + k1 * r**2 + k2 * r**4 + k3 * r**6) / (1 + k4 * r**2 + k5 * r**4 + k6 * r**6)
-
-    def folds_before(self, r: float) -> bool:
-        """Whether the radial distortion stops growing somewhere up to r, which is at most 20."""
-        return r >= self._fold
-
-    def pixel(self, point: np.ndarray) -> np.ndarray:
-        x, y = point[:2] / point[2]
-        r = math.hypot(x, y)
-        scale = float(self._radial(np.array(r))) / r if r > 1e-12 else 1.0
-        bent = np.array([x * scale, y * scale, 1.0])
-        if self._model != "equidistant":
-            p1, p2 = self._D[2], self._D[3]
-            bent[0] += 2 * p1 * x * y + p2 * (r * r + 2 * x * x)
-            bent[1] += p1 * (r * r + 2 * y * y) + 2 * p2 * x * y
-        return (self._K @ bent)[:2]
-
-    def pinhole(self, point: np.ndarray) -> np.ndarray:
-        return (self._K @ (point / point[2]))[:2]
+def camera_at(X_WC: np.ndarray, said: Document) -> Camera:
+    """A camera of a document, at a pose in the world."""
+    (fx, _, cx), (_, fy, cy), _ = said["K"]
+    near, far = said["near"] or 0.0, FAR if said["far"] is None else said["far"]
+    lens = {"model": said["distortion_model"], "distortion": said["D"], "focal": (fx, fy), "center": (cx, cy)}
+    return make_camera(X_WC, size=(said["width"], said["height"]), near=near, far=far, **lens)
 
 
-def hull_area(points: np.ndarray) -> float:
-    """Area of a convex hull: for every direction of an edge the hull lies on one side (gift wrapping)."""
-    start = at = int(np.lexsort((points[:, 1], points[:, 0]))[0])
-    area = 0.0
-    while True:
-        following = (at + 1) % len(points)
-        for k in range(len(points)):
-            a, b = points[following] - points[at], points[k] - points[at]
-            turn = a[0] * b[1] - a[1] * b[0]
-            if turn < 0 or (turn == 0 and b @ b > a @ a):
-                following = k
-        first, then = points[at] - points[start], points[following] - points[start]
-        area += 0.5 * (first[0] * then[1] - first[1] * then[0])
-        at = following
-        if at == start:
-            return abs(area)
-
-
-def beyond_sides(pixels: np.ndarray, camera: Document) -> dict[str, float]:
-    """How far the outermost corner lies beyond each side of the image [pixels]."""
-    u, v = pixels[:, 0], pixels[:, 1]
-    return {
-        "left": float((-0.5 - u).max()), "right": float((u - (camera["width"] - 0.5)).max()),
-        "top": float((-0.5 - v).max()), "bottom": float((v - (camera["height"] - 0.5)).max()),
-    }  # fmt: skip
-
-
-def limit_margins(
-    corners: np.ndarray, normal: np.ndarray | None, camera: Document, lens: Lens, detector: Document
-) -> tuple[dict[str, float], dict[str, float]]:
-    """By how much each limit is missed (positive) or kept, in the order of the checks, and how far beyond each side.
-
-    corners (8, 3) and normal (3,) in the optical frame.
-    """
-    depth = corners[:, 2]
-    margins = {"behind": math.inf if depth.min() <= 0 else -depth.min()}
-    margins["too_near"] = (camera["near"] or 0.0) - depth.min()
-    margins["too_far"] = depth.max() - (math.inf if camera["far"] is None else camera["far"])
-    sides: dict[str, float] = {}
-    pixels = None
-    if depth.min() > 0:
-        folded = [lens.folds_before(math.hypot(*(point[:2] / point[2]))) for point in corners]
-        pixels = np.array([(lens.pinhole if f else lens.pixel)(p) for f, p in zip(folded, corners, strict=True)])
-        sides = beyond_sides(pixels, camera)
-        margins["out_of_image"] = math.inf if any(folded) else max(sides.values())
-    center = corners.mean(axis=0)
-    distance = float(np.linalg.norm(center))
-    margins["detector_near"] = detector["distance"][0] - distance
-    margins["detector_far"] = distance - detector["distance"][1]
-    if normal is not None:
-        angle = math.atan2(np.linalg.norm(np.cross(normal, -center)), float(normal @ -center))
-        margins["oblique"] = angle - detector["max_incidence"]
-    if pixels is not None:
-        margins["too_small"] = detector["min_pixels"] - math.sqrt(hull_area(pixels))
-    return margins, sides
+def limit(camera: Camera, box: Document, X_WB: np.ndarray, detector: Document) -> Verdict:
+    """The first limit of camera and detector that a box fails, by the plain reference."""
+    limits = make_detector(**{name: detector[name] for name in ("distance", "max_incidence", "min_pixels")})
+    sought = make_box(tuple(box["size"]), X_WB, detector=limits, normal=box["normal"])
+    return reference.limit(reference.Scene(camera, sought, (), {"world": np.eye(4)}))
 
 
 def frames_of(arm: Arm, document: Document, sample: Document) -> dict[str, np.ndarray]:
@@ -222,7 +147,6 @@ def test_joints_corners_and_occluders_follow_from_the_robot_and_the_cell(show, d
             for joint, (leader, multiplier, offset) in arm.mimics.items():
                 assert sample["q"][joint] == pytest.approx(multiplier * sample["q"][leader] + offset, abs=EXACT)
     # Corners follow from frame size and pose, geometric causes from camera and corners.
-    lenses = {name: Lens(camera) for name, camera in show["cameras"].items()}
     for document in documents:
         for sample in some_samples(document):
             frames = frames_of(arm, document, sample)
@@ -230,28 +154,14 @@ def test_joints_corners_and_occluders_follow_from_the_robot_and_the_cell(show, d
                 X_WB = frames[box["frame"]] @ np.array(box["pose"])
                 corners_W = SIGNS * np.array(box["size"]) @ X_WB[:3, :3].T + X_WB[:3, 3]
                 assert np.abs(np.array(found["corners"]) - corners_W).max() < EXACT
-                normal = None if box["normal"] is None else X_WB[:3, :3] @ np.array(box["normal"])
                 for name, verdict in found["cameras"].items():
-                    camera = show["cameras"][name]
-                    X_WC = frames[camera["frame"]] @ np.array(camera["pose"])
-                    corners = (np.array(found["corners"]) - X_WC[:3, 3]) @ X_WC[:3, :3]
-                    margins, sides = limit_margins(
-                        corners,
-                        None if normal is None else X_WC[:3, :3].T @ normal,
-                        camera,
-                        lenses[name],
-                        show["detectors"][box["detector"]],
-                    )
-                    _check_cause(verdict, margins, sides)
-
-
-def _check_cause(verdict: Document, margins: dict[str, float], sides: dict[str, float]) -> None:
-    if any(abs(margin) < 1e-6 for margin in margins.values()):
-        return  # on the very edge of a limit rounding decides
-    expected = next((cause for cause in LIMITS if margins.get(cause, -1.0) > 0), None)
-    assert (verdict["cause"] if verdict["cause"] in LIMITS else None) == expected, (verdict, margins)
-    if expected == "out_of_image":
-        assert sides[verdict["by"]] > 0, (verdict, sides)
+                    said = show["cameras"][name]
+                    camera = camera_at(frames[said["frame"]] @ np.array(said["pose"]), said)
+                    expected = limit(camera, box, X_WB, show["detectors"][box["detector"]])
+                    if expected.sure:
+                        cause = expected.cause.name.lower()
+                        assert (verdict["cause"] if verdict["cause"] in LIMITS else "none") == cause, verdict
+                        assert cause != "out_of_image" or verdict["by"] == expected.by
 
 
 def test_the_cells_stage_every_cause(scenes):

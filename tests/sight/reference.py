@@ -140,6 +140,8 @@ def projected(camera: Camera, points: Array) -> tuple[Array, bool]:
         return with_lens(points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), matrix, bent)[0].reshape(-1, 2)
 
     bent = camera.distortion if len(camera.distortion) else straight
+    if not bent.any():
+        return project(points, camera.matrix, straight), True
     radial = bent if is_fisheye else np.where(np.isin(np.arange(len(bent)), [2, 3]), 0.0, bent)
     for p in points:
         along = np.outer(np.arange(1, 2001) / 2000, [hypot(p[0] / p[2], p[1] / p[2]), 0, 0]) + np.array([0, 0, 1])
