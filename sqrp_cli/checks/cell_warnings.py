@@ -34,12 +34,10 @@ from sqrp_cli.sight.solids import OBJECT_FACTOR, Solid, distance, load_solid, sc
 from sqrp_cli.sight.targets import SoughtBox
 from sqrp_cli.skill.settings import Reference
 from sqrp_cli.skill.skill import ToolMove
-from sqrp_cli.study.analysis import planned_motion
-from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.sampling import Adaptive, first_samples
 from sqrp_cli.study.timeline import SampledMotion
+from sqrp_cli.study.whole_analysis import planned_steps
 from sqrp_cli.task.candidate import Candidate
-from sqrp_cli.task.feasibility import feasible_motion
 
 LARGEST, SMALLEST = 20.0, 1e-3
 """Sizes of a link's mesh, as shares of the robot's length, from which its scale is doubted."""
@@ -208,15 +206,10 @@ def scenes_of(cell: Cell, world: World, candidates: Iterable[Sequence[Candidate]
     """
     scenes = list[SampledMotion]()
     for steps in candidates:
-        before = world
-        for step in steps if len(scenes) < MOST_LOOKED_AT else ():
-            motion = feasible_motion(cell, step, before)
-            if isinstance(motion, Infeasible):
-                break
-            planned = planned_motion(cell, step, before, motion)
-            samples = first_samples(Adaptive(), planned.stage, Observer((), cell.observer.solids), planned.targets)
-            scenes.append(SampledMotion(planned, samples))
-            before = world_after(step, motion, before)
+        for planned in planned_steps(cell, steps, world) if len(scenes) < MOST_LOOKED_AT else ():
+            if not isinstance(planned, Infeasible):
+                samples = first_samples(Adaptive(), planned.stage, Observer((), cell.observer.solids), planned.targets)
+                scenes.append(SampledMotion(planned, samples))
     return scenes
 
 

@@ -70,7 +70,9 @@ class ObjectMove:
                     found = mean_qualities((step.qualities, step.planned.T, step.planned.T_eoi) for step in seen)
                     in_time = question.goal.time is None or time <= question.goal.time
                     if in_time and question.goal.may_be_met(found):
-                        whole = WholeAnalysis(question.way, tuple(with_delays(cell, seen, question.sampling)))
+                        whole = WholeAnalysis(
+                            question.way, tuple(with_delays(cell, one, question.sampling) for one in seen)
+                        )
                         met = question.goal.met(whole.result)
             self._known[change.values] = met
         return self._known[change.values]

@@ -33,12 +33,11 @@ from sqrp_cli.search.sites import (
     touching_pairs,
     ways_to_choose,
 )
-from sqrp_cli.study.analysis import all_observed
 from sqrp_cli.study.drop_detection import least_delays
 from sqrp_cli.study.find import Plans, TimeLimit
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
-from sqrp_cli.study.timeline import PlannedMotion, Timeline
+from sqrp_cli.study.timeline import PlannedMotion, Timeline, observe
 from sqrp_cli.task.feasibility import impossible_start
 from sqrp_cli.task.task import Task
 
@@ -218,7 +217,8 @@ class VisibilityTable:
         if spare:
             more = [[replace(one, cameras=one.cameras + spare) for one in planned.targets] for planned in motions]
             motions = [replace(planned, targets=tuple(of_one)) for planned, of_one in zip(motions, more, strict=True)]
-        return all_observed(self.cell_with(cameras), motions, self.question.sampling, full=False)
+        observer = self.cell_with(cameras).observer
+        return [observe(planned, observer, self.question.sampling, full=False) for planned in motions]
 
     def add_samples(self, number: int, timeline: Timeline) -> bool:
         """Add samples to a way where cameras gain or lose sight between those it has; whether there are any."""

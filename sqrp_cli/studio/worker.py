@@ -35,14 +35,12 @@ from sqrp_cli.show.sentences import summary
 from sqrp_cli.studio.messages import Asked, Question, findings, message
 from sqrp_cli.studio.moves import Move, moved
 from sqrp_cli.studio.sketch import CoverageShown, Sketch, joined
-from sqrp_cli.study.analysis import planned_motion
 from sqrp_cli.study.find import Plans, WantedWay
 from sqrp_cli.study.pipeline import RankJob, described
-from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.result import CandidateResult
+from sqrp_cli.study.whole_analysis import planned_steps
 from sqrp_cli.task.candidate import Candidate
-from sqrp_cli.task.feasibility import feasible_motion
 
 KEPT_PLANS = 64  # motions of so many candidates at most are kept for other cameras
 LOWER_PRIORITY = 20  # by how much processes that take longer are nicer than others: browser and sketches go first
@@ -317,11 +315,9 @@ class _Worker:
 
 def sketches_of(cell: Cell, ways: Sequence[Candidate]) -> list[Sketch] | Infeasible:
     """The motions of a candidate in a cell, a sketch for the way of each step; or why one is not possible there."""
-    world, sketches = cell.initial_world, list[Sketch]()
-    for way in ways:
-        motion = feasible_motion(cell, way, world)
-        if isinstance(motion, Infeasible):
-            return motion
-        sketches.append(Sketch.of(cell, planned_motion(cell, way, world, motion)))
-        world = world_after(way, motion, world)
+    sketches = list[Sketch]()
+    for planned in planned_steps(cell, ways, cell.initial_world):
+        if isinstance(planned, Infeasible):
+            return planned
+        sketches.append(Sketch.of(cell, planned))
     return sketches

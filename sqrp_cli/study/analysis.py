@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from sqrp_cli.cell.workspace import World
-from sqrp_cli.errors import Infeasible, bad_input
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.figures import FaultMetrics, LateReason
-from sqrp_cli.geometry import Array, inverse
+from sqrp_cli.geometry import inverse
 from sqrp_cli.logic.formula_time import GroundOperator
 from sqrp_cli.logic.image_time import Onset, Window, delays
 from sqrp_cli.motion.cell import Cell
@@ -26,7 +26,7 @@ from sqrp_cli.study.drop_detection import onset
 from sqrp_cli.study.fault_sights import all_fault_windows
 from sqrp_cli.study.late_faults import why_late
 from sqrp_cli.study.result import CandidateResult, PhaseSeen
-from sqrp_cli.study.sampling import MAX_SAMPLES, FixedCount, FixedStep, Sampling
+from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.stage import Stage
 from sqrp_cli.study.timeline import PlannedMotion, Timeline, observe
 from sqrp_cli.task import pieces
@@ -199,46 +199,25 @@ def _from_when_told(
 
 def analysed(cell: Cell, planned: PlannedMotion, sampling: Sampling, *, full: bool) -> Analysis:
     """What the cameras of a cell see of a motion, whatever others see of it; see `analyse`."""
-    return with_delays(cell, all_observed(cell, [planned], sampling, full=full), sampling)[0]
+    return with_delays(cell, observe(planned, cell.observer, sampling, full=full), sampling)
 
 
-def all_observed(
-    cell: Cell, motions: Sequence[PlannedMotion], sampling: Sampling, *, full: bool, bars: Array | None = None
-) -> list[Timeline]:
-    """What the cameras of a cell see of each of several motions; nothing of delays yet. bars: see `observe`."""
-    for planned in motions:
-        count = 0.0  # of the adaptive one, which bounds itself
-        if isinstance(sampling, FixedCount):
-            count = float(sampling.samples) * len(planned.motion.primitives)
-        elif isinstance(sampling, FixedStep):
-            count = planned.motion.time / sampling.dt
-        if count > MAX_SAMPLES:
-            name = planned.candidate.name
-            message = f"this sampling asks for {count:,.0f} samples of `{name}`; the limit is {MAX_SAMPLES:,}"
-            mend = "leave it out: the default places samples where they matter"
-            raise bad_input("too-many-samples", message, mend=mend)
-    return [observe(one, cell.observer, sampling, full=full, bars=bars) for one in motions]
-
-
-def with_delays(cell: Cell, timelines: Sequence[Timeline], sampling: Sampling) -> list[Analysis]:
-    """What is seen of motions with how late faults are noticed."""
-    done = []
-    for timeline in timelines:
-        planned, observer = timeline.planned, cell.observer
-        formulas, literals = planned.formulas, pieces.fault_literals(planned.formulas)
-        intervals = {fault: pieces.fault_intervals(formulas, fault) for fault in literals}
-        first = min((spans[0].start for spans in intervals.values()), default=planned.motion.time)
-        onsets = {
-            fault: tuple(onset(planned, observer, literals[fault], span) for span in spans)
-            for fault, spans in intervals.items()
-        }
-        for fault, start in planned.since.items():  # what happens before images can tell it is shown once they can
-            told, *others = onsets[fault]
-            usual = None if told.usual is None else np.insert(told.usual, 0, told.usual[0])
-            shown = np.insert(told.shown, 0, told.shown[0])
-            onsets[fault] = (replace(told, x=np.insert(told.x, 0, start), shown=shown, usual=usual), *others)
-        windows = all_fault_windows(timeline, observer, sampling)
-        recovery = recovery_over(planned.motion, cell.model, first)
-        why = {fault: why_late(cell, planned, fault, windows[fault], onsets[fault]) for fault in onsets}
-        done.append(Analysis(timeline, recovery, windows, onsets, why))
-    return done
+def with_delays(cell: Cell, timeline: Timeline, sampling: Sampling) -> Analysis:
+    """What is seen of a motion with how late faults are noticed."""
+    planned, observer = timeline.planned, cell.observer
+    formulas, literals = planned.formulas, pieces.fault_literals(planned.formulas)
+    intervals = {fault: pieces.fault_intervals(formulas, fault) for fault in literals}
+    first = min((spans[0].start for spans in intervals.values()), default=planned.motion.time)
+    onsets = {
+        fault: tuple(onset(planned, observer, literals[fault], span) for span in spans)
+        for fault, spans in intervals.items()
+    }
+    for fault, start in planned.since.items():  # what happens before images can tell it is shown once they can
+        told, *others = onsets[fault]
+        usual = None if told.usual is None else np.insert(told.usual, 0, told.usual[0])
+        shown = np.insert(told.shown, 0, told.shown[0])
+        onsets[fault] = (replace(told, x=np.insert(told.x, 0, start), shown=shown, usual=usual), *others)
+    windows = all_fault_windows(timeline, observer, sampling)
+    recovery = recovery_over(planned.motion, cell.model, first)
+    why = {fault: why_late(cell, planned, fault, windows[fault], onsets[fault]) for fault in onsets}
+    return Analysis(timeline, recovery, windows, onsets, why)

@@ -21,11 +21,11 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion, no_such_branch, plan_branches, plan_motion
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.reach import TURNED
-from sqrp_cli.study.analysis import Analysis, all_observed, planned_motion, with_delays, without_delays
+from sqrp_cli.study.analysis import Analysis, planned_motion, with_delays, without_delays
 from sqrp_cli.study.ranking import QUALITY_STEP, compared_quality, compared_time, contenders, rank
 from sqrp_cli.study.result import BlindEnd, CandidateResult, Criterion, WayFigures, WaysFound
 from sqrp_cli.study.sampling import Sampling
-from sqrp_cli.study.timeline import PlannedMotion, Timeline
+from sqrp_cli.study.timeline import PlannedMotion, Timeline, observe
 from sqrp_cli.task.feasibility import feasible_motion, impossible_start
 from sqrp_cli.task.grips import first_grip, grips
 from sqrp_cli.task.task import Candidate
@@ -108,7 +108,7 @@ def find_way(
     ways, seen = found
     if compared:
         seen = list(compress(seen, contenders(list(map(without_delays, seen)), wanted.by)))
-    analyses = with_delays(cell, seen, sampling)
+    analyses = [with_delays(cell, one, sampling) for one in seen]
     ranked = rank([analysis.result for analysis in analyses], wanted.by)
     best = ranked[0]
     chosen = next(analysis for analysis in analyses if analysis.planned.candidate is best.candidate)
@@ -152,7 +152,7 @@ def analysed_ways(
     if not isinstance(found, Infeasible):
         for one in sorted(found[1], key=lambda way: compared_time(way.planned.motion.time)):
             if worth(one.qualities):
-                yield from with_delays(cell, [one], sampling)
+                yield with_delays(cell, one, sampling)
 
 
 def _observed_ways(
@@ -202,7 +202,7 @@ def observed(
     it is no contender, by its figures so far or by exact ones.
     """
     if not contending or len({(one.T > 0.0, one.T_eoi > 0.0) for one in motions}) > 1:  # not to be compared
-        return all_observed(cell, motions, sampling, full=False)
+        return [observe(one, cell.observer, sampling, full=False) for one in motions]
     found: dict[int, Timeline] = {}
     known: list[tuple[float, float, float]] = []  # time and qualities as they are compared
     for number in sorted(range(len(motions)), key=lambda index: motions[index].motion.time):
@@ -210,7 +210,7 @@ def observed(
         # A way that is as fast must see more. What rounding may add must not decide.
         least = [(avg - (QUALITY_STEP if time == its_time else 0.0), eoi) for its_time, avg, eoi in known]
         bars = (1.0 - np.array(least).reshape(-1, 2)) * [planned.T, planned.T_eoi] * (1.0 + 1e-9)
-        (found[number],) = all_observed(cell, [planned], sampling, full=False, bars=bars)
+        found[number] = observe(planned, cell.observer, sampling, full=False, bars=bars)
         seen = found[number].qualities
         known.append((time, compared_quality(seen.q_avg), compared_quality(seen.q_eoi)))
     return [found[number] for number in range(len(motions))]

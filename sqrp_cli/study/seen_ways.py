@@ -20,12 +20,12 @@ from sqrp_cli.motion.position_limits import near_limits
 from sqrp_cli.motion.timing import MotionLimits
 from sqrp_cli.records import dataclass
 from sqrp_cli.skill.skill import HOME
-from sqrp_cli.study.analysis import Analysis, all_observed, planned_motion
+from sqrp_cli.study.analysis import Analysis, planned_motion
 from sqrp_cli.study.move_search import COST_DECIMALS, EXACTLY, SETTLED, MoveSearch, SeenPath, exchange
 from sqrp_cli.study.result import BlindEnd
 from sqrp_cli.study.sampling import Adaptive, Sampling
 from sqrp_cli.study.stage import Samples
-from sqrp_cli.study.timeline import PlannedMotion, Timeline, look_at
+from sqrp_cli.study.timeline import PlannedMotion, Timeline, look_at, observe
 from sqrp_cli.task.feasibility import feasible_motion
 from sqrp_cli.task.task import Candidate
 from sqrp_cli.trajectory import JointPath, Trajectory
@@ -287,6 +287,6 @@ def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> 
     motion = feasible_motion(cell, way, world)
     if isinstance(motion, Infeasible) or motion.time > longest + ROUNDING:
         return None
-    (found,) = all_observed(cell, [planned_motion(cell, way, world, motion)], sampling, full=False)
+    found = observe(planned_motion(cell, way, world, motion), cell.observer, sampling, full=False)
     blind = (1.0 - (found.qualities.q_avg or 0.0)) * found.planned.T
     return found if round(runner.weight * blind + motion.time, COST_DECIMALS) < runner.cost(direct) else None

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.cell.workspace import World
+from sqrp_cli.errors import bad_input
 from sqrp_cli.figures import Qualities
 from sqrp_cli.geometry import Array, Indices, Mask, ranges
 from sqrp_cli.kernel.kernel import BoxVerdicts, Loss
@@ -20,7 +21,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import Target
-from sqrp_cli.study.sampling import Adaptive, Sampling, first_samples
+from sqrp_cli.study.sampling import MAX_SAMPLES, Adaptive, FixedCount, FixedStep, Sampling, first_samples
 from sqrp_cli.study.stage import Samples, Stage
 from sqrp_cli.task.candidate import Candidate
 
@@ -282,7 +283,18 @@ def observe(
     bars: what other motions lose, a row for each: for how long its state is not covered, in all and in the events of
     interest, shape (b, 2) [s]. Once this one surely loses as much as a row in both, it is not looked at any further,
     and what was not looked at counts as not covered.
+
+    Raises InputError for a sampling with too many samples.
     """
+    count = 0.0  # of the adaptive one, which bounds itself
+    if isinstance(sampling, FixedCount):
+        count = float(sampling.samples) * len(planned.motion.primitives)
+    elif isinstance(sampling, FixedStep):
+        count = planned.motion.time / sampling.dt
+    if count > MAX_SAMPLES:
+        name = planned.candidate.name
+        message = f"this sampling asks for {count:,.0f} samples of `{name}`; the limit is {MAX_SAMPLES:,}"
+        raise bad_input("too-many-samples", message, mend="leave it out: the default places samples where they matter")
     samples = first_samples(sampling, planned.stage, observer, planned.targets)
     seen = look_closely(observer, planned, samples) if full else look_at(observer, planned, samples, bars=bars)
     timeline = Timeline(planned, samples, seen)

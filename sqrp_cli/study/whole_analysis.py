@@ -5,7 +5,7 @@ How the figures of the whole follow from those of its steps is on the page of nu
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,11 +14,11 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.figures import Qualities
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
-from sqrp_cli.study.analysis import SUMMED, Analysis, all_observed, planned_motion, with_delays
+from sqrp_cli.study.analysis import SUMMED, Analysis, planned_motion, with_delays
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
-from sqrp_cli.study.timeline import Timeline
+from sqrp_cli.study.timeline import PlannedMotion, Timeline, observe
 from sqrp_cli.task.candidate import Candidate, whole_candidate
 from sqrp_cli.task.feasibility import feasible_motion
 
@@ -133,7 +133,7 @@ def whole_analysis(
     observed = whole_observed(cell, way, world, sampling, full=full)
     if isinstance(observed, Infeasible):
         return observed
-    return WholeAnalysis(way, tuple(with_delays(cell, observed, sampling)))
+    return WholeAnalysis(way, tuple(with_delays(cell, one, sampling) for one in observed))
 
 
 def whole_observed(
@@ -141,11 +141,19 @@ def whole_observed(
 ) -> tuple[Timeline, ...] | Infeasible:
     """The steps of `whole_analysis` without delays, which take as long as all the rest."""
     done: list[Timeline] = []
-    for step in way.steps or (way,):
-        motion = feasible_motion(cell, step, world)
-        if isinstance(motion, Infeasible):
-            return Infeasible(reasons_of_step(way, len(done) + 1, motion.reasons), motion.tried)
-        done += all_observed(cell, [planned_motion(cell, step, world, motion)], sampling, full=full)
-        if len(done) < len(way.steps):
-            world = world_after(step, motion, world)
+    for planned in planned_steps(cell, way.steps or (way,), world):
+        if isinstance(planned, Infeasible):
+            return Infeasible(reasons_of_step(way, len(done) + 1, planned.reasons), planned.tried)
+        done.append(observe(planned, cell.observer, sampling, full=full))
     return tuple(done)
+
+
+def planned_steps(cell: Cell, ways: Iterable[Candidate], world: World) -> Iterator[PlannedMotion | Infeasible]:
+    """The motion of each way of a step, from the world that those before it leave; nothing after one that has none."""
+    for way in ways:
+        motion = feasible_motion(cell, way, world)
+        if isinstance(motion, Infeasible):
+            yield motion
+            return
+        yield planned_motion(cell, way, world, motion)
+        world = world_after(way, motion, world)
