@@ -16,6 +16,7 @@ from sqrp_cli.skill.settings import SEEN, Reference
 from sqrp_cli.skill.skill import JointMove
 from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.find import TimeLimit, WantedWay, analysed_ways, find_way
+from sqrp_cli.study.pipeline import RankJob
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.result import WayFigures
 from sqrp_cli.study.whole_analysis import WholeAnalysis, whole_analysis, worst_seen
@@ -58,12 +59,16 @@ def other_way(question: Question) -> Search:
 def seen_path(question: Question) -> Search:
     """Paths of joint moves that the cameras can follow, in as few steps as that takes."""
     candidate, near = question.best.candidate, list[Tried]()
+    cell, world, sampling = question.cell, question.world, question.sampling
     if not candidate.steps and not _open_paths(candidate):
         return (), "not tried: the skill or the task says which path"
-    for tried in _in_seen_paths(question):
-        near.append(tried)
-        if question.met_for_sure(tried):
-            return [tried], ""
+    for change, asked, wanted in _with_seen_paths(question):
+        best = RankJob(sampling, wanted=wanted, cell=cell, world=world, verdicts=False).assess(asked)
+        found = whole_analysis(cell, best.way, world, sampling, full=False) if best.feasible else None
+        if isinstance(found, WholeAnalysis):
+            near.append(Tried(change, found))
+            if question.met_for_sure(near[-1]):
+                return near[-1:], ""
     if near:
         return near, "none that was found is enough"
     stated = "not tried: the skills or the task say which paths"
@@ -78,45 +83,32 @@ def with_way(candidate: Candidate, way: WayFigures) -> Candidate:
     return replace(candidate, values=values, branch=branch, vias=vias)
 
 
-def _in_seen_paths(question: Question) -> Iterator[Tried]:
-    """The best way of a candidate of one step with paths that keep sight, then the best within the time of the goal.
+def _with_seen_paths(question: Question) -> Iterator[tuple[ProposedChange, Candidate, WantedWay]]:
+    """A candidate of one step with paths that keep sight, in any time, then within the time of the goal.
 
-    Of several steps: all in their best ways, with seen paths in one step, in one more, and so on; those seen worst
-    first.
+    Of several steps: with such paths in one step, in one more, and so on; those seen worst first.
     """
-    candidate, sampling = question.best.candidate, question.sampling
+    candidate = question.best.candidate
     change = ProposedChange(kind="path", target=candidate.name, said="with paths that keep sight")
     if not candidate.steps:
-        paths = _open_paths(candidate)
-        seen = replace(candidate, values={**candidate.values, **dict.fromkeys(paths, SEEN)})
-        for limit in (None, *([] if question.goal.time is None else [TimeLimit(question.goal.time)])):
-            best = find_way(question.cell, seen, question.world, sampling, WantedWay(limit=limit))
-            if not isinstance(best, Infeasible):
-                unwritten = "" if limit is None else f"no task says it: use --max-time {limit.seconds:g}"
-                parameters = {**candidate.parameters, **dict.fromkeys(paths, SEEN)}
-                whole = WholeAnalysis(best.analysis.planned.candidate, (best.analysis,))
-                yield Tried(replace(change, parameters=parameters, unwritten=unwritten), whole)
+        paths = dict.fromkeys(_open_paths(candidate), SEEN)
+        change = replace(change, parameters={**candidate.parameters, **paths})
+        asked = replace(candidate, values={**candidate.values, **paths})
+        yield change, asked, WantedWay()
+        if question.goal.time is not None:
+            limit = TimeLimit(question.goal.time)
+            unwritten = f"no task says it: use --max-time {limit.seconds:g}"
+            yield replace(change, unwritten=unwritten), asked, WantedWay(limit=limit)
     steps, left = list(candidate.steps), list(range(len(candidate.steps)))
     while left and question.best.feasible:
         index = left.pop(worst_seen([question.best.steps[number] for number in left]))
-        names = _open_paths(steps[index])
-        if not names:
-            continue
-        steps[index] = replace(steps[index], values={**steps[index].values, **dict.fromkeys(names, SEEN)})
-        world, done = question.world, list[Analysis]()
-        for step in steps:
-            found = find_way(question.cell, step, world, sampling, WantedWay())
-            if isinstance(found, Infeasible):
-                break
-            done.append(found.analysis)
-            world = world_after(found.analysis.planned.candidate, found.analysis.planned.motion, world)
-        if len(done) == len(steps):
+        if names := _open_paths(steps[index]):
+            steps[index] = replace(steps[index], values={**steps[index].values, **dict.fromkeys(names, SEEN)})
             asked = whole_candidate(candidate.skill, steps)
             chosen = [name for name, value in asked.values.items() if value == SEEN]
             said = f"{change.said} in step {' and '.join(dict.fromkeys(name.partition('.')[0] for name in chosen))}"
             parameters = {**candidate.parameters, **dict.fromkeys(chosen, SEEN)}
-            way = whole_candidate(candidate.skill, [one.planned.candidate for one in done])
-            yield Tried(replace(change, parameters=parameters, said=said), WholeAnalysis(way, tuple(done)))
+            yield replace(change, parameters=parameters, said=said), asked, WantedWay()
 
 
 def _of_steps(question: Question) -> Iterator[WholeAnalysis]:

@@ -210,11 +210,14 @@ class CameraPlacer:
         watched = table.watched(cameras, selection.ways, requirements.failure_tolerance)
         if goal is not None and goal.delay is not None:
             only = Goal(delay=goal.delay)
-            exact = with_delays(table.cell_with(cameras), watched, self.question.sampling)
+            exact = self._analysed(table.cell_with(cameras), watched)
             pairs = zip(selection.ways, exact, strict=True)
             late = {(selection.options, way) for way, one in pairs if not only.met(one.result)}
         value = requirements.value([_QUALITIES(one.qualities) for one in watched], table.weights)
         return value, watched, late
+
+    def _analysed(self, cell: Cell, watched: Sequence[Timeline]) -> list[Analysis]:
+        return [with_delays(cell, one, self.question.sampling) for one in watched]
 
     def _unless_stopped(self, step: Callable[[], Found], otherwise: Found) -> Found:
         """What a further step finds; something else after Ctrl-C, and if it comes now: what was chosen is not lost."""
@@ -233,7 +236,7 @@ class CameraPlacer:
         if selection is None:
             firsts = [of_one[0] for of_one in table.candidates]
             cell = table.cell_with(stay)
-            analysed = with_delays(cell, table.watched(stay, firsts), self.question.sampling)
+            analysed = self._analysed(cell, table.watched(stay, firsts))
             blank = []
             for way, one in zip((table.ways[number] for number in firsts), analysed, strict=True):
                 about = {"task": way.task, "candidate": way.candidate.name, "found": one.result}
@@ -242,7 +245,7 @@ class CameraPlacer:
         cameras = self._cameras(result, selection)
         everyone, spare = [*(placed.camera for placed in cameras), *stay], requirements.failure_tolerance
         watched = table.watched(everyone, selection.ways) if spare else result.watched
-        analyses: Sequence[Analysis] = with_delays(table.cell_with(everyone), watched, self.question.sampling)
+        analyses: Sequence[Analysis] = self._analysed(table.cell_with(everyone), watched)
         if result.value < 1.0 - ROUNDED and not spare:
             cameras, analyses = self._unless_stopped(
                 lambda: self._refined(result, selection, cameras, stay, analyses), (cameras, analyses)
@@ -281,13 +284,15 @@ class CameraPlacer:
         shut[sorted(problem.shut)] = True
         delays = [one.found.latest for one in candidates if one.found.latest is not None]
         gap = result.bound - result.value
-        document = PlaceDocument(
+        document = from_fields(
+            PlaceDocument,
+            question,
+            result,
             workspace=question.cell.workspace.name,
             tasks=tuple(task.text for task in question.tasks),
             mounts=count,
             want=requirements.goal or Goal(),
             cameras=tuple(cameras),
-            keep=question.keep,
             survive=requirements.failure_tolerance,
             by=requirements.objective,
             too_slow=table.too_slow,
@@ -313,15 +318,11 @@ class CameraPlacer:
             seen=seen,
             shut=shut,
             met=result.met and result.selection is not None and not table.too_slow,
-            unseen=result.unseen,
-            proven=result.proven,
             objective=result.value,
-            bound=result.bound,
             gap=gap if gap > ROUNDED else 0.0,
             fewest=result.fewest if table.ways and result.requirements.goal is not None else None,
             fewer=fewer,
             without_spare=without_spare,
-            reason=result.reason,
         )
         return replace(document, proof=proof_in_words(document))
 
@@ -362,7 +363,7 @@ class CameraPlacer:
             moved.append(replace(there, mount=placed.mount, moved=distance))
         all_cameras = [*(placed.camera for placed in moved), *stay]
         watched, cell = table.watched(all_cameras, selection.ways), table.cell_with(all_cameras)
-        better = with_delays(cell, watched, self.question.sampling)
+        better = self._analysed(cell, watched)
         before, after = ([analysis.result for analysis in some] for some in (analyses, better))
         kept = goal is None or all(goal.met(now) or not goal.met(then) for then, now in zip(before, after, strict=True))
         value = self.question.requirements.value
