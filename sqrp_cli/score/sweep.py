@@ -226,16 +226,12 @@ def middle_of_grid(equal: Mask) -> int:
         largest = max(largest, found, key=len)  # the first of equals
     block = np.zeros_like(equal)
     block[tuple(np.array(largest).T)] = True
-    margin, inside = np.zeros(equal.shape, dtype=int), block
-    while inside.any() and margin.max() < max(equal.shape):
-        margin += inside
-        for axis, count in enumerate(equal.shape):
-            if count > 1:  # values that are not varied do not count
-                wide = np.pad(inside, [(1, 1) if other == axis else (0, 0) for other in range(equal.ndim)])
-                low, high = (np.take(wide, range(first, first + count), axis) for first in (0, 2))
-                inside = inside & low & high
-    points = np.argwhere(margin == margin.max())
-    distances = np.linalg.norm(points - np.argwhere(block).mean(axis=0), axis=1).round(9)
+    wide = np.pad(block, [(1, 1) if count > 1 else (0, 0) for count in equal.shape])  # not where nothing is varied
+    outside, points = np.argwhere(~wide), np.argwhere(wide)
+    margin = np.array([np.abs(outside - point).max(axis=1).min(initial=equal.size) for point in points])
+    points = np.argwhere(block)  # in the same order
+    distances = np.linalg.norm(points - points.mean(axis=0), axis=1).round(9)
+    distances[margin < margin.max()] = np.inf
     return int(np.ravel_multi_index(tuple(points[np.argmin(distances)]), equal.shape))
 
 

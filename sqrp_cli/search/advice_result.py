@@ -70,18 +70,15 @@ class TaskEffect(Record):
             ranking = rank(some, "q_eoi")
             firsts.append(ranking[0].candidate.name if ranking[0].rank is not None else None)
         for before, after in candidates:
-            better, worse = list[str](), list[str]()
-            for one, other, names in ((after, before, better), (before, after, worse)):
-                # The figures in which the other is worse than the one, by as much as rankings tell apart.
-                if one.feasible and not other.feasible:
-                    names.append("feasible")
-                    continue
-                for name, sign, step in _COMPARED:
-                    first, second = getattr(one, name), getattr(other, name)
-                    known = first is not None and second is not None
-                    if known and np.round(sign * second / step) < np.round(sign * first / step):
-                        names.append("delay_worst" if name == "latest" else name)
-            if better or worse:
+            changed_at_all = before.feasible != after.feasible
+            worse = ["feasible"] if before.feasible and not after.feasible else []
+            for name, sign, step in _COMPARED:
+                old, new = getattr(before, name), getattr(after, name)
+                if old is not None and new is not None:  # both can be done
+                    old, new = (np.round(sign * figure / step) for figure in (old, new))
+                    changed_at_all |= bool(old != new)
+                    worse += ["delay_worst" if name == "latest" else name] if new < old else []
+            if changed_at_all:
                 figures = AdvisedFigures.of(before), AdvisedFigures.of(after)
                 name = before.candidate.name
                 changed.append(

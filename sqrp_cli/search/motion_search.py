@@ -18,7 +18,7 @@ from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.find import TimeLimit, WantedWay, analysed_ways, find_way
 from sqrp_cli.study.pipeline import RankJob
 from sqrp_cli.study.program_update import world_after
-from sqrp_cli.study.result import WayFigures
+from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.whole_analysis import WholeAnalysis, whole_analysis, worst_seen
 from sqrp_cli.task.candidate import whole_candidate
 from sqrp_cli.task.grips import choice_in_words
@@ -42,8 +42,7 @@ def other_way(question: Question) -> Search:
         found = analysed_ways(cell, best.candidate, world, sampling, limit=limit, worth=goal.may_be_met, plans=plans)
         ways = (WholeAnalysis(one.planned.candidate, (one,)) for one in found)
     if best.ways is not None and best.ways.pareto:  # to be compared: some may take too long, or be seen too badly
-        named = [best.way, *(with_way(best.candidate, figures) for figures in best.ways.pareto[1:])]
-        known = (whole_analysis(cell, way, world, sampling, full=False) for way in named)
+        known = (whole_analysis(cell, way, world, sampling, full=False) for way in pareto_ways(best.candidate, best))
         ways = chain(ways, (one for one in known if isinstance(one, WholeAnalysis)))
     near: list[Tried] = []
     for one in ways:
@@ -75,12 +74,15 @@ def seen_path(question: Question) -> Search:
     return (), stated if candidate.steps else "it cannot be done, or not in that time"
 
 
-def with_way(candidate: Candidate, way: WayFigures) -> Candidate:
-    """A candidate in a way."""
-    values = {name: way.parameters.get(name, value) for name, value in candidate.values.items()}
-    branch = {name: value for name, value in way.parameters.items() if name not in {**values, **candidate.binding}}
-    vias = {name: np.array(places) for name, places in way.vias.items()}
-    return replace(candidate, values=values, branch=branch, vias=vias)
+def pareto_ways(candidate: Candidate, found: CandidateResult) -> list[Candidate]:
+    """The way of a candidate that has these figures, then its others that are Pareto-optimal."""
+    ways = [found.way]
+    for figures in () if found.ways is None else found.ways.pareto[1:]:
+        values = {name: figures.parameters.get(name, value) for name, value in candidate.values.items()}
+        branch = {k: v for k, v in figures.parameters.items() if k not in {**values, **candidate.binding}}
+        vias = {name: np.array(places) for name, places in figures.vias.items()}
+        ways.append(replace(candidate, values=values, branch=branch, vias=vias))
+    return ways
 
 
 def _with_seen_paths(question: Question) -> Iterator[tuple[ProposedChange, Candidate, WantedWay]]:
@@ -124,10 +126,7 @@ def _of_steps(question: Question) -> Iterator[WholeAnalysis]:
             found = find_way(cell, step, world, sampling, WantedWay())
             if isinstance(found, Infeasible):
                 continue
-            for way in (
-                found.analysis.planned.candidate,
-                *(with_way(step, figures) for figures in found.ways.pareto[1:]),
-            ):
+            for way in pareto_ways(step, found.result):
                 done = analyse(cell, way, world, sampling, full=False)
                 if isinstance(done, Analysis):
                     longer.append(((*steps, done), world_after(way, done.planned.motion, world)))

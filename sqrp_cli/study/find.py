@@ -77,8 +77,7 @@ class BestWay:
 
     analysis: Analysis
     result: CandidateResult
-    """Of the analysis."""
-    ways: WaysFound
+    """Of the analysis, with its ways."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,7 @@ def find_way(
         from sqrp_cli.study.seen_ways import blind_ends
 
         ends = blind_ends(chosen, candidate.open_paths)
-    return BestWay(chosen, best, replace(ways, pareto=pareto, blind_ends=ends))
+    return BestWay(chosen, replace(best, ways=replace(ways, pareto=pareto, blind_ends=ends)))
 
 
 def analysed_ways(

@@ -16,9 +16,8 @@ from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
-from sqrp_cli.study.analysis import Analysis, analyse
+from sqrp_cli.study.analysis import Analysis
 from sqrp_cli.study.find import Plans, WantedWay, find_way
-from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.ranking import winners
 from sqrp_cli.study.result import (
     CandidateResult,
@@ -31,7 +30,7 @@ from sqrp_cli.study.result import (
 from sqrp_cli.study.robustness import DRAWS, Calibration, expected_quality, under_calibration_errors
 from sqrp_cli.study.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.study.verdict import with_verdict
-from sqrp_cli.study.whole_analysis import result_of_steps, whole_observed, world_left
+from sqrp_cli.study.whole_analysis import result_of_steps, whole_analysis, whole_observed, world_left
 from sqrp_cli.task.grips import choice_in_words, way_in_words
 from sqrp_cli.task.task import Candidate, in_words
 
@@ -86,7 +85,6 @@ class RankJob:
             found.result,
             candidate=candidate,
             best_way=analysis.planned.candidate,
-            ways=found.ways,
             q_expected=expected_quality(self.cell, analysis),
             recalibrated=() if errors is None else under_calibration_errors(self.cell, analysis, self.sampling, errors),
         )
@@ -126,21 +124,25 @@ class RankJob:
         """A candidate with the full analysis of each of its steps, and the figures from these."""
         if not known.feasible:
             return Explained(described(known))
-        analysis, steps, world = None, list[Explained](), self.world
-        if known.steps:
-            for step in known.steps:
-                steps.append(replace(self, world=world).explain(replace(step, rank=1, pareto=True)))
-                assert steps[-1].analysis is not None  # noqa: S101 - the whole is feasible
-                world = world_after(step.way, steps[-1].analysis.planned.motion, world)
-            result = result_of_steps(known.candidate, [step.result for step in steps])
-        else:
-            found = analyse(self.cell, known.way, self.world, self.sampling, full=True)
-            if isinstance(found, Infeasible):
-                raise ValueError(f"{known.candidate.name} was feasible a moment ago")
-            analysis, result = found, with_verdict(self.cell, found.timeline, found.result)
-            result = replace(result, candidate=known.candidate, q_expected=expected_quality(self.cell, found))
-        result = replace(result, best_way=known.best_way, rank=known.rank, pareto=known.pareto, ways=known.ways)
-        return Explained(described(result), analysis, tuple(steps))
+        found = whole_analysis(self.cell, known.way, self.world, self.sampling, full=True)
+        if isinstance(found, Infeasible):
+            raise ValueError(f"{known.candidate.name} was feasible a moment ago")
+        parts = [replace(step, rank=1, pareto=True) for step in known.steps] or [known]
+        steps = list[Explained]()
+        for one, analysis in zip(parts, found.steps, strict=True):
+            judged = with_verdict(self.cell, analysis.timeline, analysis.result)
+            judged = replace(judged, candidate=one.candidate, q_expected=expected_quality(self.cell, analysis))
+            steps.append(Explained(_as_ranked(judged, one), analysis))
+        if not known.steps:
+            return steps[0]
+        whole = result_of_steps(known.candidate, [step.result for step in steps])
+        return Explained(_as_ranked(whole, known), steps=tuple(steps))
+
+
+def _as_ranked(found: CandidateResult, known: CandidateResult) -> CandidateResult:
+    """A result in words, with the place and the ways of the known one."""
+    ranked = replace(found, best_way=known.best_way, rank=known.rank, pareto=known.pareto, ways=known.ways)
+    return described(ranked)
 
 
 def described(one: CandidateResult) -> CandidateResult:

@@ -16,7 +16,7 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.logic.conditions import apply_effect
 from sqrp_cli.logic.formula import Operation, argument_lists, bind
-from sqrp_cli.logic.formula_time import with_times
+from sqrp_cli.logic.formula_time import TimeInterval, merge, with_times
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion
@@ -28,7 +28,7 @@ from sqrp_cli.study.fault_sights import distinguishing
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.timeline import observe
-from sqrp_cli.study.verdict import with_verdict
+from sqrp_cli.study.verdict import stretches, with_verdict
 from sqrp_cli.task.task import Candidate
 
 if TYPE_CHECKING:
@@ -178,11 +178,5 @@ def with_usual_images(step: record.Step, analysis: Analysis, observer: Observer)
 
 def _intervals(t: Array, seen: Mask) -> tuple[tuple[float, float], ...]:
     """Intervals of sight: from the first to the last of neighbouring samples at times t in which it is seen [s]."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]]).astype(np.int8))).reshape(-1, 2)
-    merged: list[tuple[float, float]] = []
-    for start, end in ((float(t[first]), float(t[last - 1])) for first, last in edges):
-        if merged and merged[-1][1] == start:
-            merged[-1] = (merged[-1][0], end)
-        else:
-            merged.append((start, end))
-    return tuple(merged)
+    runs = merge(TimeInterval(float(t[rows[0]]), float(t[rows[-1]])) for rows in stretches(seen))
+    return tuple((one.start, one.end) for one in runs)
