@@ -14,6 +14,10 @@ from sqrp_cli.camera.camera import Camera
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.records import dataclass
 
+CLOSE = 1e-2
+"""Greatest distance from a pixel at which what the camera sees there is shown [pixels]."""
+_ITERATIONS, _STEP = 25, 1e-5
+
 
 @dataclass(frozen=True, eq=False)
 class Projection:
@@ -60,9 +64,40 @@ class Projection:
 
         A point beyond the radius gets the pixel of the undistorted camera, which is on the right side at least.
         """
+        return self._pixels_of(points_C[..., :2] / points_C[..., 2:])
+
+    def _pixels_of(self, plane: Array) -> tuple[Array, Mask]:
         K = self.camera.matrix
-        bent, inside = self.bent(points_C[..., :2] / points_C[..., 2:])
+        bent, inside = self.bent(plane)
         return bent @ K[:2, :2].T + K[:2, 2], inside
+
+    def plane(self, pixels: Array) -> tuple[Array, Mask]:
+        """Where in the plane z = 1 the camera looks at pixels (n, 2), and whether the lens shows anything there.
+
+        Found by Newton's method from the point without distortion.
+        """
+
+        def within(plane: Array, share: float) -> Array:
+            length = np.maximum(np.linalg.norm(plane, axis=1, keepdims=True), 1e-12)
+            shorter: Array = plane * np.minimum(1.0, share * self.radius / length)
+            return shorter
+
+        K = self.camera.matrix
+        plane = (pixels - K[:2, 2]) @ np.linalg.inv(K[:2, :2]).T
+        if self.camera.distortion_model == "none":
+            return plane, np.ones(len(plane), dtype=bool)
+        plane = within(plane, 0.98)
+        for _ in range(_ITERATIONS):
+            error = self._pixels_of(plane)[0] - pixels
+            slopes = [(self._pixels_of(plane + d)[0] - pixels - error) / _STEP for d in np.eye(2) * _STEP]
+            (a, c), (b, d) = (slope.T for slope in slopes)
+            safe = np.where(np.abs(a * d - b * c) > 1e-9, a * d - b * c, np.inf)[:, None]
+            change = np.column_stack([d * error[:, 0] - b * error[:, 1], a * error[:, 1] - c * error[:, 0]]) / safe
+            plane = within(plane - change, 0.9999)
+            if float(np.abs(change).max(initial=0.0)) < _STEP:
+                break
+        found, inside = self._pixels_of(plane)
+        return plane, inside & (np.abs(found - pixels).max(axis=1, initial=0.0) < CLOSE)
 
     def shows(self, directions_C: Array) -> Mask:
         """Which of some directions (..., 3) in the optical frame with z > 0 are within the image."""

@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from sqrp_cli.camera.camera import Camera
-from sqrp_cli.camera.projection import Projection
+from sqrp_cli.camera.projection import CLOSE, Projection
 from sqrp_cli.geometry import Array
 from tests.sight.views import make_camera
 
@@ -111,3 +111,27 @@ def test_a_point_beyond_the_radius_is_reported_and_keeps_its_side():
 
     assert not inside[0]
     assert pixels[0, 0] > 639.5
+
+
+LENSES = {
+    "none": (),
+    "plumb_bob": (-0.28, 0.09, 0.001, -0.0007, -0.01),
+    "rational_polynomial": (0.4, 0.1, 0.0004, -0.001, 0.02, 0.5, 0.15, 0.01),
+    "equidistant": (-0.02, 0.01, -0.004, 0.001),
+}
+
+
+@pytest.mark.parametrize("model", LENSES)
+def test_what_a_camera_looks_at_is_seen_at_its_pixel(model):
+    camera = make_camera(model=model, distortion=LENSES[model], focal=(320.0, 326.4), center=(311.0, 251.0))
+    pixels = np.stack(np.meshgrid(np.linspace(-0.5, 639.5, 41), np.linspace(-0.5, 479.5, 31)), axis=-1).reshape(-1, 2)
+    plane, shown = Projection(camera).plane(pixels)
+    points = np.column_stack([plane, np.ones(len(plane))])[shown]
+    assert np.abs(opencv_pixels(camera, points) - pixels[shown]).max() < CLOSE
+    assert shown.mean() > 0.95
+
+
+def test_at_pixels_beyond_the_reach_of_the_lens_it_looks_at_nothing():
+    camera = make_camera(model="plumb_bob", distortion=LENSES["plumb_bob"], focal=(150.0, 153.0))
+    _, shown = Projection(camera).plane(np.array([[319.5, 239.5], [0.0, 0.0], [639.0, 479.0]]))
+    assert shown.tolist() == [True, False, False]

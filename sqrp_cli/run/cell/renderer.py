@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.camera.camera import Camera
+from sqrp_cli.camera.projection import Projection
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.platform.simulator import no_opengl
 from sqrp_cli.records import dataclass
@@ -180,27 +181,13 @@ class Optics:
             low = (-0.5 - cx) / fx, (-0.5 - cy) / fy
             high = (camera.width - 0.5 - cx) / fx, (camera.height - 0.5 - cy) / fy
             return cls(low, high, camera.width, camera.height, None)
-        # Where in the plane z = 1 the centre of each pixel looks, and whether it looks anywhere: OpenCV undoes the
-        # distortion by iteration, so a pixel counts only if distorting the result leads back to it. It needs hundreds
-        # of bytes for each pixel, so that some rows are undone at once.
-        rows = max(1, _BAND // camera.width)
-        plane = np.empty((camera.height, camera.width, 2))
-        seen = np.empty((camera.height, camera.width), dtype=bool)
-        K, coefficients = np.array(camera.matrix), np.array(camera.distortion)
-        stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-10)
-        for first in range(0, camera.height, rows):
-            v, u = np.mgrid[first : min(first + rows, camera.height), 0 : camera.width].astype(float)
-            pixels, band = np.stack([u, v], axis=-1).reshape(-1, 1, 2), slice(first, first + len(u))
-            if camera.distortion_model == "equidistant":
-                found = cv2.fisheye.undistortPoints(pixels, K, coefficients, criteria=stop)
-                back = cv2.fisheye.distortPoints(found, K, coefficients)
-            else:
-                found = cv2.undistortPoints(pixels, K, coefficients, criteria=stop)
-                rays = np.concatenate([found, np.ones_like(found[..., :1])], axis=-1)
-                back, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), K, coefficients)
-            error = np.linalg.norm(back.reshape(-1, 2) - pixels.reshape(-1, 2), axis=1)
-            plane[band] = found.reshape(*u.shape, 2)
-            seen[band] = ((error < 1e-2) & np.isfinite(error)).reshape(u.shape)
+        # Where in the plane z = 1 the centre of each pixel looks, and whether it looks anywhere. That takes hundreds of
+        # bytes for each pixel, so that some rows are undone at once.
+        pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
+        bands = np.array_split(pixels, range(rows := max(1, _BAND // camera.width), camera.height, rows))
+        undone = [Projection(camera).plane(band.reshape(-1, 2)) for band in bands]
+        plane = np.concatenate([found for found, _ in undone]).reshape(pixels.shape)
+        seen = np.concatenate([shown for _, shown in undone]).reshape(pixels.shape[:2])
         inside = plane[seen & (np.abs(plane).max(axis=-1) <= _WIDEST)]
         pixel = np.array([1.0 / fx, 1.0 / fy])
         low, high = inside.min(axis=0) - pixel, inside.max(axis=0) + pixel

@@ -25,7 +25,6 @@ from sqrp_cli.run.perception.vision import (
     FoundMarker,
     color_mask,
     dilated,
-    direction,
     displacement,
     filled,
     find_markers,
@@ -192,7 +191,8 @@ def _resting(
 
     def at_height(pixel: Array, height: float) -> Array | None:
         """Where the ray of a pixel is at a height [m]; None if it never is."""
-        ray = X_WC[:3, :3] @ direction(view.camera, pixel)
+        ray_C = np.append(view.projection.plane(pixel[None])[0], 1.0)
+        ray = X_WC[:3, :3] @ (ray_C / np.linalg.norm(ray_C))
         distance = (height - X_WC[2, 3]) / ray[2] if abs(ray[2]) > 1e-6 else -1.0
         position: Array = X_WC[:3, 3] + distance * ray
         return position if distance > 0 else None

@@ -10,7 +10,6 @@ from typing import Any, TypeAlias
 import cv2
 import numpy as np
 
-from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.detector import ALIKE
 from sqrp_cli.camera.light import HUE_TOLERANCE, HUES, LEAST_SEEN_SATURATION, LEAST_VALUE, hue_of
 from sqrp_cli.camera.markers import ORIGINAL, opencv_name
@@ -169,16 +168,3 @@ def _marker_detector(name: str) -> Any:  # noqa: ANN401
     parameters.minDistanceToBorder = 0  # the default, 3, misses what is whole, but at the edge of the image
     parameters.perspectiveRemovePixelPerCell = 8  # the default, 4, misses one in twenty of the smallest
     return cv2.aruco.ArucoDetector(dictionary, parameters)
-
-
-def direction(camera: Camera, pixel: Array) -> Array:
-    """The unit vector, in the optical frame, of the ray that a pixel (2,) sees."""
-    K, D = np.array(camera.matrix), np.array(camera.distortion)
-    point = np.asarray(pixel, dtype=float).reshape(1, 1, 2)
-    if camera.distortion_model == "equidistant":
-        plane = cv2.fisheye.undistortPoints(point, K, D)
-    else:
-        plane = cv2.undistortPoints(point, K, D if len(D) else None)
-    ray = np.array([*plane.ravel(), 1.0])
-    unit: Array = ray / np.linalg.norm(ray)
-    return unit

@@ -83,7 +83,9 @@ class RayScene:
 
     def view(self, camera: Camera, X_WC: Array, pixels: Array) -> Hits:
         """What rays through pixels of shape (n, 2) of a camera hit in the world."""
-        rays_C, shown = directions(Projection(camera), pixels)
+        plane, shown = Projection(camera).plane(pixels)
+        rays_C = np.column_stack([plane, np.ones(len(plane))])
+        rays_C /= np.linalg.norm(rays_C, axis=1, keepdims=True)
         return replace(self.first_hits(X_WC[:3, 3], rays_C @ X_WC[:3, :3].T), shown=shown)
 
     def image(self, camera: Camera, X_WC: Array, colors: Sequence[Color]) -> Image:
@@ -127,43 +129,3 @@ def check_rays() -> None:
     with needed("pictures need the Python package `embreex`, which is not installed", "pip install embreex"):
         import embreex.mesh_construction
         import embreex.rtcore_scene  # noqa: F401
-
-
-CLOSE = 1e-2  # greatest distance of a projected direction from its pixel [pixels]
-_ITERATIONS = 25
-_STEP = 1e-5
-
-
-def directions(projection: Projection, pixels: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """The directions that are seen at pixels of shape (n, 2): unit vectors in the optical frame, shape (n, 3).
-
-    The second is whether the lens shows any direction there, shape (n,). Found by Newton's method from the point
-    without distortion.
-    """
-    K = projection.camera.matrix
-
-    def rays(plane: Array) -> Array:
-        return np.column_stack([plane, np.ones(len(plane))])
-
-    def within(plane: Array, share: float) -> Array:
-        length = np.maximum(np.linalg.norm(plane, axis=1, keepdims=True), 1e-12)
-        shorter: Array = plane * np.minimum(1.0, share * projection.radius / length)
-        return shorter
-
-    plane = (pixels - K[:2, 2]) @ np.linalg.inv(K[:2, :2]).T
-    shown: NDArray[np.bool_] = np.ones(len(plane), dtype=bool)
-    if projection.camera.distortion_model != "none":
-        plane = within(plane, 0.98)
-        for _ in range(_ITERATIONS):
-            error = projection.pixels(rays(plane))[0] - pixels
-            slopes = [(projection.pixels(rays(plane + d))[0] - pixels - error) / _STEP for d in np.eye(2) * _STEP]
-            (a, c), (b, d) = (slope.T for slope in slopes)
-            safe = np.where(np.abs(a * d - b * c) > 1e-9, a * d - b * c, np.inf)[:, None]
-            change = np.column_stack([d * error[:, 0] - b * error[:, 1], a * error[:, 1] - c * error[:, 0]]) / safe
-            plane = within(plane - change, 0.9999)
-            if float(np.abs(change).max(initial=0.0)) < _STEP:
-                break
-        found, inside = projection.pixels(rays(plane))
-        shown = inside & (np.abs(found - pixels).max(axis=1, initial=0.0) < CLOSE)
-    unit = rays(plane)
-    return unit / np.linalg.norm(unit, axis=1, keepdims=True), shown
