@@ -183,7 +183,7 @@ class Optics:
             return cls(low, high, camera.width, camera.height, None)
         # Where in the plane z = 1 the centre of each pixel looks, and whether it looks anywhere. That takes hundreds of
         # bytes for each pixel, so that some rows are undone at once.
-        pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
+        pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1).astype(float)
         bands = np.array_split(pixels, range(rows := max(1, _BAND // camera.width), camera.height, rows))
         undone = [Projection(camera).plane(band.reshape(-1, 2)) for band in bands]
         plane = np.concatenate([found for found, _ in undone]).reshape(pixels.shape)
