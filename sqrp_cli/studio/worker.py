@@ -6,11 +6,9 @@ A later question supersedes an earlier one: what is still computed for that is e
 from __future__ import annotations
 
 import os
-from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import field, replace
-from functools import partial
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
@@ -36,7 +34,7 @@ from sqrp_cli.studio.messages import Asked, Question, findings, message
 from sqrp_cli.studio.moves import Move, moved
 from sqrp_cli.studio.sketch import CoverageShown, Sketch, joined
 from sqrp_cli.study.find import Plans, WantedWay
-from sqrp_cli.study.pipeline import RankJob, described
+from sqrp_cli.study.pipeline import RankJob, assess_all, described, shared
 from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.whole_analysis import planned_steps
@@ -54,46 +52,22 @@ class RankingRun:
     number: int  # of the question; answers carry it
     of_saved: bool  # whether only figures are wanted, to compare others with
     session: Session
-    left: deque[int]  # the candidates that no process has begun with
-    found: dict[int, CandidateResult] = field(default_factory=dict)
-    workers: dict[Worker[int, CandidateResult], int | None] = field(default_factory=dict)
-    """The candidate that each computes; None if it computes none."""
-
-    def hand_out(self, worker: Worker[int, CandidateResult]) -> None:
-        """Give a process the next candidate, if one is left."""
-        self.workers[worker] = index = self.left.popleft() if self.left else None
-        if index is not None:
-            worker.send(index)
-
-    def take(self, worker: Worker[int, CandidateResult]) -> None:
-        """Take the answer of a busy process. Raises InputError where it was killed."""
-        index = self.workers[worker]
-        assert index is not None  # noqa: S101 - it is busy
-        try:
-            result = worker.receive()
-        except WorkerDied as error:
-            raise bad_input("worker-died", "a process was killed; is there enough memory?") from error
-        candidate = self.session.task.candidates[index]
-        way = result.best_way and replace(result.best_way, skill=candidate.skill)
-        self.found[index] = replace(result, candidate=candidate, best_way=way)
-        self.hand_out(worker)
+    worker: Worker[None, CandidateResult]  # which has the candidates, in order
+    found: list[CandidateResult] = field(default_factory=list)
 
 
-def _nicely(work: Callable[[Any], Any], *about: object) -> Callable[[Any], Any]:
-    """What a process that takes longer answers with, after others: `work` of what it is about and of a message."""
+def _nicely(work: Callable[..., Iterator[Any]], *about: object) -> Callable[[None], Any]:
+    """What a process that takes longer answers with, after others: one thing after the other that `work` yields."""
     os.nice(LOWER_PRIORITY)
-    return partial(work, *about)
+    found = work(*about)
+    return lambda _: next(found)
 
 
-def _assess(job: RankJob, candidates: Sequence[Candidate], index: int) -> CandidateResult:
-    return job.assess(candidates[index])
-
-
-def _detail(job: RankJob, ranked: CandidateResult, name: str) -> str:
+def _detail(job: RankJob, ranked: CandidateResult) -> Iterator[str]:
     """The message that shows a candidate over time."""
     explained = job.explain(ranked)
     detail = playback(job, explained, brief=True) if ranked.feasible else None
-    return message("detail", name=name, detail=detail)
+    yield message("detail", name=ranked.candidate.name, detail=detail)
 
 
 def serve(pipe: Connection, path: Path, seed: int, jobs: int) -> None:
@@ -120,7 +94,7 @@ class _Worker:
     seed: int
     jobs: int
     run: RankingRun | None = None
-    explaining: Worker[str, str] | None = None
+    explaining: Worker[None, str] | None = None
     _cell: Cell | None = None
     _kin: object = None  # what decides motions and requirements: equal for cells that differ in their cameras only
     _model: Mapping[str, object] | None = None
@@ -139,34 +113,37 @@ class _Worker:
 
     def drop(self) -> None:
         """End what is computed."""
-        for worker in () if self.run is None else self.run.workers:
-            worker.kill()
+        if self.run is not None:
+            self.run.worker.kill()
         if self.explaining is not None:
             self.explaining.kill()
         self.run = self.explaining = None
 
     def work(self) -> None:
         """Wait for something to happen, and see to it."""
-        computing = {} if self.run is None else self.run.workers
-        workers = [worker for worker, index in computing.items() if index is not None]
-        others: list[Worker[Any, Any]] = [*workers, *([] if self.explaining is None else [self.explaining])]
-        ready = wait([self.pipe, *(worker.pipe for worker in others)])
+        run = self.run
+        others = (None if run is None else run.worker, self.explaining)
+        ready = wait([self.pipe, *(worker.pipe for worker in others if worker is not None)])
         if self.pipe in ready:
             question = self.pipe.recv()
             while question[0] == "hold" and self.pipe.poll():  # only the newest counts
                 question = self.pipe.recv()
             self.answer(question)
             return
-        for worker in workers:
-            if worker.pipe in ready and (run := self.run) is not None:
-                run.take(worker)
-                done, count = len(run.found), len(run.session.task.candidates)
-                if done == count:
-                    for idle in run.workers:
-                        idle.kill()
-                    self.run = None
-                    self._ranked(run)
-                elif not run.of_saved:
+        if run is not None and run.worker.pipe in ready:
+            candidates = run.session.task.candidates
+            try:
+                run.found.append(shared(candidates[len(run.found)], run.worker.receive()))
+            except WorkerDied as error:
+                raise bad_input("worker-died", "a process was killed; is there enough memory?") from error
+            done, count = len(run.found), len(candidates)
+            if done == count:
+                self.run = None
+                run.worker.close()
+                self._ranked(run)
+            else:
+                run.worker.send(None)
+                if not run.of_saved:
                     self.say("progress", done=done, of=count, number=run.number)
         if (explaining := self.explaining) is not None and explaining.pipe in ready:
             self.explaining = None
@@ -215,11 +192,10 @@ class _Worker:
                 break  # plans are made where they are needed
             if not candidate.steps:
                 plans.of(session.cell, candidate, session.job.world, fastest=False)
-        self.run = run = RankingRun(asked, number, of_saved, session, deque(range(len(candidates))))
-        for _ in range(min(self.jobs, len(candidates))):
-            run.workers[Worker(forked(), _nicely, _assess, session.job, candidates)] = None
-        for worker in run.workers:
-            run.hand_out(worker)
+        about = (session.job, candidates, self.jobs)
+        worker: Worker[None, CandidateResult] = Worker(forked(), _nicely, assess_all, *about, starts_others=True)
+        worker.send(None)
+        self.run = RankingRun(asked, number, of_saved, session, worker)
 
     def _read(self, content: bytes, number: int, *, of_saved: bool) -> Cell:
         """The cell of a text, of which browsers are told; only its cameras are new if nothing else is."""
@@ -246,8 +222,7 @@ class _Worker:
         return cell
 
     def _ranked(self, run: RankingRun) -> None:
-        found = [run.found[index] for index in range(len(run.found))]
-        ranking = [*map(described, rank(found, run.asked.by))]
+        ranking = [*map(described, rank(run.found, run.asked.by))]
         details = ["" if one.feasible else None for one in ranking]
         rows = [row(one) for one in candidate_rows(ranking, details)]
         fields = {"task": run.asked.task, "by": run.asked.by, "number": run.number, "entries": rows}
@@ -270,7 +245,7 @@ class _Worker:
         if self.explaining is not None:
             self.explaining.kill()
         self.explaining = Worker(forked(), _nicely, _detail, self._session.job, chosen)
-        self.explaining.send(self._chosen)
+        self.explaining.send(None)
 
     def _base(self) -> tuple[list[Sketch], CoverageShown] | None:
         """The chosen candidate's motions, and what is seen of them in the cell as it is written."""

@@ -230,7 +230,10 @@ def assess_all(job: RankJob, candidates: Sequence[Candidate], jobs: int) -> Iter
         from sqrp_cli.platform.processes import in_processes
 
         results = in_processes(job.assess, candidates, processes)
-    for candidate, result in zip(candidates, results, strict=True):
-        # A result from a process has its own copy of the skill; replace it by the caller's, which all share.
-        way = result.best_way and replace(result.best_way, skill=candidate.skill)
-        yield replace(result, candidate=candidate, best_way=way)
+    yield from map(shared, candidates, results)
+
+
+def shared(candidate: Candidate, result: CandidateResult) -> CandidateResult:
+    """The result of a candidate, of which a process has given a copy: with the caller's skill, which all share."""
+    way = result.best_way and replace(result.best_way, skill=candidate.skill)
+    return replace(result, candidate=candidate, best_way=way)

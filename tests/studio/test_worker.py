@@ -42,7 +42,7 @@ def test_what_is_shown_briefly_is_what_is_shown_in_full_but_for_boxes(explained)
 def test_a_candidate_of_one_step_is_shown_over_time(explained, monkeypatch):
     monkeypatch.setattr(os, "nice", lambda _: None)  # of this process
     job, whole = explained
-    told = json.loads(_nicely(_detail, job, whole.result)("g1"))
+    told = json.loads(_nicely(_detail, job, whole.result)(None))
     assert told["do"] == "detail"
     assert told["detail"]["samples"]
 
