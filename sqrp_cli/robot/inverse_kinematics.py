@@ -282,12 +282,18 @@ def _principal(q: Array, turns: Mask) -> Array:
 def _distinct(model: RobotModel, q: Array) -> Array:
     """Principal values of positions (m, n), each once, in the order of their first appearance."""
     q = _principal(q, model.turns)
-    apart = np.abs(_principal(q[:, None] - q[None], model.turns)).max(axis=-1, initial=0.0) > SAME
-    kept: list[int] = []
-    for row in range(len(q)):
-        if apart[row, kept].all():
-            kept.append(row)
-    return q[kept]
+    # Only those are compared whose sums are near: no pairs of thousands.
+    sums = np.where(model.turns, np.sin(q), q).sum(axis=1)
+    order = np.argsort(sums, kind="stable")
+    near = np.searchsorted(sums[order], sums[order] + q.shape[1] * SAME, side="right") - np.arange(len(q)) - 1
+    ahead = np.arange(near.sum()) - np.repeat(np.cumsum(near) - near, near) + 1
+    place = np.repeat(np.arange(len(q)), near)
+    pairs = np.sort(np.column_stack([order[place], order[place + ahead]]), axis=1)
+    apart = np.abs(_principal(q[pairs[:, 0]] - q[pairs[:, 1]], model.turns)).max(axis=1, initial=0.0)
+    again: set[int] = set()
+    for first, other in sorted(pairs[apart <= SAME].tolist()):
+        again |= set() if first in again else {other}
+    return np.delete(q, list(again), axis=0)
 
 
 def _within_limits(model: RobotModel, q: Array) -> Array:
