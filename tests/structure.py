@@ -26,7 +26,7 @@ LONG = 30
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_382),
     "files": ("files", 2_049),
-    "robot": ("robot", 3_033),
+    "robot": ("robot", 3_039),
     "camera": ("camera", 2_336),
     "cell": ("cell", 3_571),
     "logic": ("logic", 2_297),
