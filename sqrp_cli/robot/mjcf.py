@@ -1,4 +1,4 @@
-"""Robots of MuJoCo: the URDF that an MJCF stands for, with its bodies as links.
+"""MuJoCo's format: the URDF that an MJCF stands for, with its bodies as links, and what stands in a scene.
 
 MuJoCo reads the file (https://mujoco.readthedocs.io/en/stable/XMLreference.html) with includes, defaults and frames,
 and computes where everything is. Each mesh is a small sphere meanwhile: so a file is read in milliseconds, and shapes
@@ -8,7 +8,7 @@ keep the frame of the mesh's own file. MuJoCo is imported here once it is certai
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from importlib.util import find_spec
 from os.path import relpath
@@ -17,22 +17,27 @@ from typing import TYPE_CHECKING, Any
 from warnings import catch_warnings
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sqrp_cli.errors import InputError, Place, Problem, bad_input, first_names
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, first_names, no_such
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.files.xml_file import Element
-from sqrp_cli.geometry import Array, displacement, matrix_to_rpy, pose, quaternion_to_matrix
+from sqrp_cli.geometry import Array, displacement, matrix_to_rpy, pose, quaternion_to_matrix, read_only
 from sqrp_cli.platform.interrupts import interrupts_later
 from sqrp_cli.platform.simulator import check_simulator
 from sqrp_cli.records import dataclass
+from sqrp_cli.robot.urdf import LinkShape
+from sqrp_cli.shapes import Box, shape_of
 
 if TYPE_CHECKING:
     import mujoco
 
 NAMED = 5  # most names in a warning
 MESH_ENDS = (".stl", ".obj")  # of the mesh files of MuJoCo that SQRP reads, too
+LEAST_MASS = 1e-9  # of a body whose mass does not count [kg], and its inertia [kg m^2]
 STAND_IN = 1e-3  # radius of the sphere that stands for a mesh [m]
 Told = list[Any]  # an element: its tag, attributes, file, line, column and elements inside
+Solid = tuple[LinkShape, Array]  # a shape with its pose, shape (4, 4)
 Follower = tuple[int, float, float]  # the joint that one follows, the multiplier, and the offset [rad or m]
 MeshFile = tuple[str, Array, Array]  # of a mesh, the scale along x, y, z, and its pose in a geom, shape (4, 4)
 
@@ -51,9 +56,15 @@ class Scene:
     meshes: Mapping[str, MeshFile | None]
     """Of each geom that had one, by name; None for one that is left out."""
     weighed: frozenset[str]  # the bodies whose mass follows from no mesh
+    unnamed: frozenset[str]  # the bodies to which the file gives no name
     path: Path
     lost: dict[str, list[str]]
     """Names of what becomes something else, or nothing, by what is said about it."""
+
+    @property
+    def touching(self) -> NDArray[np.bool_]:
+        """Of each geom, whether it can touch anything."""
+        return np.asarray(self.model.geom_contype | self.model.geom_conaffinity, dtype=bool)
 
 
 def mjcf_as_urdf(path: Path, root: Element) -> tuple[Told, tuple[Problem, ...]]:
@@ -63,7 +74,7 @@ def mjcf_as_urdf(path: Path, root: Element) -> tuple[Told, tuple[Problem, ...]]:
     any joint. If there is one, and it begins with a body that is fixed or floats, that is the root, else the world is.
     Named sites are links. Raises InputError for a file that MuJoCo cannot read, or that has no such tree.
     """
-    scene = _compiled(path)
+    scene = _compiled(path, weighing=True)
     model, bases = scene.model, _bases(scene)
     bodies = [body for body in range(1, model.nbody) if model.body_rootid[body] in bases]
     own = {body: list[int]() for body in bodies}
@@ -95,8 +106,39 @@ def mjcf_as_urdf(path: Path, root: Element) -> tuple[Told, tuple[Problem, ...]]:
     return _told("robot", {"name": root.attributes.get("model") or path.stem}, told), tuple(warnings)
 
 
-def _compiled(path: Path) -> Scene:
-    """The file as MuJoCo compiles it; bodies, joints and geoms without a name get one."""
+def fixed_bodies(path: Path) -> tuple[list[tuple[str, list[Solid]]], Mapping[str, list[str]]]:
+    """What stands in an MJCF: name and shapes, placed in the world, of the world's own geoms and of each body in it.
+
+    With names of what becomes something else, or nothing, by what is said about it. Solid are the geoms of a body that
+    touch something, or else all. Bodies with joints, and what they carry, are left out. Raises InputError for a file
+    that MuJoCo cannot read.
+    """
+    scene = _compiled(path, weighing=False)
+    model, X_WB = scene.model, [np.eye(4)]
+    found, can_move = {0: (path.stem, list[Solid]())}, [False]
+    for body in range(model.nbody):
+        name, parent = model.body(body).name, model.body_parentid[body]
+        if body > 0:
+            X_WB.append(X_WB[parent] @ _pose(model.body_pos[body], model.body_quat[body]))
+            can_move.append(can_move[parent] or bool(model.body_dofnum[body]))
+        if can_move[body]:
+            if not can_move[parent]:
+                scene.lost.setdefault("bodies that can move are left out; state them as `objects`", []).append(name)
+            continue
+        base = int(model.body_rootid[body])
+        if base == body > 0:
+            found[base] = f"{path.stem}_body" if name in scene.unnamed else name, []
+        solid = [geom for geom in _geoms(model, body) if scene.touching[geom]] or _geoms(model, body)
+        placed = filter(None, (_solid(scene, geom) for geom in solid))
+        found[base][1].extend((shape, read_only(X_WB[body] @ X_BG)) for shape, X_BG in placed)
+    return [*found.values()], scene.lost
+
+
+def _compiled(path: Path, *, weighing: bool) -> Scene:
+    """The file as MuJoCo compiles it; bodies, joints and geoms without a name get one.
+
+    weighing: whether masses count.
+    """
     if find_spec("mujoco") is None:
         raise bad_input("missing-extra", "an MJCF needs the extra `sim`", mend="pip install mujoco")
     with suppress(InputError):  # it finds out how it can draw while it is imported, but may also do without
@@ -108,8 +150,16 @@ def _compiled(path: Path) -> Scene:
     try:
         spec = mujoco.MjSpec.from_file(str(path.absolute()))
         spec.compiler.discardvisual = spec.compiler.fusestatic = False
+        if not weighing:  # else it refuses what moves and has no mass
+            spec.compiler.boundmass = spec.compiler.boundinertia = LEAST_MASS
         always = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-        files = {mesh.name: _mesh(spec, mesh, path, lost) for mesh in spec.meshes}
+        models = [path.absolute()]
+        for model in models:  # and those that they attach
+            named = (model.parent / name for name in re.findall(r'file="([^"]+\.xml)"', model.read_text("utf-8")))
+            models += {one.resolve() for one in named if one.is_file()} - {*models}
+        folders = [*dict.fromkeys(model.parent for model in models)]
+        files = {mesh.name: _mesh(spec, mesh, folders, lost) for mesh in spec.meshes}
+        unnamed = frozenset(f"body_{number}" for number, one in enumerate(spec.bodies) if not one.name)
         for kind, elements in (("body", spec.bodies), ("joint", spec.joints), ("geom", spec.geoms)):
             for number, one in enumerate(elements):
                 one.name = one.name or f"{kind}_{number}"
@@ -117,6 +167,10 @@ def _compiled(path: Path) -> Scene:
         for geom in spec.geoms:
             geom.material = ""
             if geom.meshname or geom.type in (kinds.mjGEOM_HFIELD, kinds.mjGEOM_SDF):
+                if not geom.meshname:
+                    lost.setdefault("height fields and shapes of plugins are left out", []).append(geom.name)
+                elif geom.meshname not in files:
+                    raise ValueError(no_such(geom.meshname, "mesh", files))
                 meshes[geom.name] = files.get(geom.meshname)
                 of_mesh.add(geom.parent.name)
                 geom.type, geom.meshname, geom.hfieldname = kinds.mjGEOM_SPHERE, "", ""
@@ -127,7 +181,7 @@ def _compiled(path: Path) -> Scene:
             spec.delete(one)
         weighed = [one.name for one in spec.bodies if one.name not in of_mesh or (one.explicitinertial and not always)]
         with catch_warnings(action="ignore"):
-            return Scene(spec.compile(), meshes, frozenset(weighed), path, lost)
+            return Scene(spec.compile(), meshes, frozenset(weighed), unnamed, path, lost)
     except Exception as error:  # of several types, some of its own
         why = re.sub(r"^(XML )?(Error: )+", "", " ".join(str(error).split()))
         raise bad_input("mjcf", f"MuJoCo cannot read this file: {why}", Place(path)) from error
@@ -135,10 +189,10 @@ def _compiled(path: Path) -> Scene:
         mujoco.set_mju_user_warning(None)
 
 
-def _mesh(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh, path: Path, lost: dict[str, list[str]]) -> MeshFile | None:
-    """The file of a mesh, if it is one that SQRP can read."""
-    folders = [path.absolute().parent]  # then those of models that it attaches
-    folders += [folders[0] / Path(name).parent for name in re.findall(r'file="([^"]+\.xml)"', path.read_text("utf-8"))]
+def _mesh(
+    spec: mujoco.MjSpec, mesh: mujoco.MjsMesh, folders: Sequence[Path], lost: dict[str, list[str]]
+) -> MeshFile | None:
+    """The file of a mesh, if it is one that SQRP can read; folders: of the model, and of those that it attaches."""
     directory = getattr(getattr(mesh, "compiler", None), "meshdir", "") or spec.meshdir
     file = Path(mesh.file).name if spec.strippath else mesh.file
     found = [there for folder in folders for there in (folder / directory / file, folder / file) if there.is_file()]
@@ -218,28 +272,21 @@ def _followers(scene: Scene, moving: set[int]) -> tuple[dict[int, Follower], dic
 def _link(scene: Scene, body: int) -> Told:
     """A body as a link. Geoms that touch nothing are visual, and so are others of the groups that have such geoms."""
     model, name = scene.model, scene.model.body(body).name
-    touching = (model.geom_contype | model.geom_conaffinity) != 0
-    drawn, pieces = {*model.geom_group[~touching].tolist()}, list[Told]()
-    for geom in range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body]):
-        called, kind, (x, y, z) = model.geom(geom).name, int(model.geom_type[geom]), model.geom_size[geom].tolist()
-        X_BG = _pose(model.geom_pos[geom], model.geom_quat[geom])
-        if called in scene.meshes:
-            if (mesh := scene.meshes[called]) is None:
-                continue
-            shape, X_BG = ("mesh", {"filename": mesh[0], "scale": _text(mesh[1])}), X_BG @ mesh[2]
-        elif kind in (BOX, ELLIPSOID):
-            shape = "box", {"size": _text((2 * x, 2 * y, 2 * z))}
-            if kind == ELLIPSOID:
-                scene.lost.setdefault("ellipsoids, taken as the boxes around them", []).append(called)
-        elif kind in ROUND:
-            shape = ROUND[kind], {"radius": _text((x,)), **({} if kind == SPHERE else {"length": _text((2 * y,))})}
-        else:
+    drawn, pieces = {*model.geom_group[~scene.touching].tolist()}, list[Told]()
+    for geom in _geoms(model, body):
+        if (solid := _solid(scene, geom)) is None:
             continue
-        inside = [_origin(X_BG), _told("geometry", {}, [_told(*shape)])]
-        tags = ["collision"] if touching[geom] else []
-        if model.geom_rgba[geom, 3] > 0.0 and (not touching[geom] or int(model.geom_group[geom]) in drawn):
+        shape, X_BG = solid
+        if isinstance(shape, tuple):
+            inside = _told("mesh", {"filename": shape[0], "scale": _text(shape[1])})
+        else:
+            figures = {key: _text(np.atleast_1d(value)) for key, value in vars(shape).items()}
+            inside = _told(type(shape).__name__.lower(), figures)
+        tags = ["collision"] if scene.touching[geom] else []
+        if model.geom_rgba[geom, 3] > 0.0 and (not tags or int(model.geom_group[geom]) in drawn):
             tags.append("visual")
-        pieces += [_told(tag, {"name": called}, inside) for tag in tags]
+        called, holder = {"name": model.geom(geom).name}, _told("geometry", {}, [inside])
+        pieces += [_told(tag, called, [_origin(X_BG), holder]) for tag in tags]
     if name in scene.weighed and (mass := float(model.body_mass[body])) > 0.0:
         X_BI = _pose(model.body_ipos[body], model.body_iquat[body])
         moments = X_BI[:3, :3] @ np.diag(model.body_inertia[body]) @ X_BI[:3, :3].T
@@ -247,6 +294,28 @@ def _link(scene: Scene, body: int) -> Told:
         inside = [_told("mass", {"value": _text((mass,))}), _told("inertia", stated)]
         pieces.append(_told("inertial", {}, [_origin(pose(position=X_BI[:3, 3])), *inside]))
     return _told("link", {"name": name}, pieces)
+
+
+def _geoms(model: mujoco.MjModel, body: int) -> range:
+    return range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body])
+
+
+def _solid(scene: Scene, geom: int) -> Solid | None:
+    """The shape of a geom, and its pose in its body; None for planes, and meshes that are left out."""
+    model, name, kind = scene.model, scene.model.geom(geom).name, int(scene.model.geom_type[geom])
+    X_BG, (x, y, z) = _pose(model.geom_pos[geom], model.geom_quat[geom]), model.geom_size[geom].tolist()
+    if name in scene.meshes:
+        if (mesh := scene.meshes[name]) is None:
+            return None
+        file, scale, X_GM = mesh
+        return (file, (float(scale[0]), float(scale[1]), float(scale[2]))), X_BG @ X_GM
+    if kind in (BOX, ELLIPSOID):
+        if kind == ELLIPSOID:
+            scene.lost.setdefault("ellipsoids, taken as the boxes around them", []).append(name)
+        return Box((2 * x, 2 * y, 2 * z)), X_BG
+    if kind not in ROUND:
+        return None
+    return shape_of(ROUND[kind], [x] if kind == SPHERE else [x, 2 * y]), X_BG
 
 
 def _joints_to(
