@@ -461,13 +461,3 @@ def test_no_point_of_a_fine_grid_is_nearer(advised, every):
             if timeline.qualities.q_eoi == 1.0:
                 nearer.append(offset.tolist())
     assert not nearer, json.dumps(nearer)
-
-
-def test_a_goal_that_says_nothing_of_faults_is_met_but_it_is_said_that_one_is_noticed_late(sqrp):
-    cell = ROOT / "workspaces" / "screws"
-    words = ("advise", cell, "pickup red2", "--ways", "first", "--want", "q_avg 1 %")
-    text = " ".join(sqrp(*words).out.split())
-    assert "That is met already: nothing has to change." in text
-    assert "But a fault may be noticed only after 5.97 s." in text
-    assert "add --want 'delay 1 s'" in text
-    assert "But a fault" not in sqrp(*words[:-1], "q_avg 1 %, delay 6 s").out

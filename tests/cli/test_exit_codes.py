@@ -12,18 +12,6 @@ from sqrp_cli.study import pipeline
 from tests.cli.conftest import press_ctrl_c
 
 
-def test_version_and_help_without_a_command(sqrp):
-    outcome = sqrp("--version")
-    assert (outcome.code, outcome.err) == (0, "")
-    assert outcome.out.startswith("sqrp ")
-    assert len(outcome.out.splitlines()) == 1
-    # Without a command first steps are shown, each of which is a command.
-    outcome = sqrp()
-    assert (outcome.code, outcome.err) == (0, "")
-    steps = [line.split()[1] for line in outcome.out.splitlines() if line.startswith("  sqrp ")]
-    assert {sqrp(step, "--help").code for step in steps} == {0}
-
-
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_exits_130_and_keeps_what_is_finished(sqrp, watch, monkeypatch):
     finished = pipeline.RankJob.assess

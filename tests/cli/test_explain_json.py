@@ -146,6 +146,7 @@ def test_samples_move_continuously(show, documents):
                 assert abs(after["q"][joint] - before["q"][joint]) <= limit * dt + EXACT
 
 
+@pytest.mark.parametrize("scene", [*CELLS, "gripper"], indirect=True)
 def test_verdicts_follow_from_those_of_boxes(show, documents):
     for document in documents:
         for sample in document["samples"]:
@@ -369,24 +370,6 @@ def test_the_hand_worked_cell_has_figures_and_causes_worked_out_by_hand(scenes):
             expected = (None, None) if name == "seen" else ("oblique", None)
             assert (faces["cameras"]["eye"]["cause"], faces["cameras"]["eye"]["by"]) == expected
     assert found == {name: {verdict} for name, verdict in staged.items()}
-
-
-def test_a_fault_of_two_intervals_is_averaged_over_both_and_not_over_the_time_between(sqrp, own_watch):
-    skill = own_watch / "watch" / "skill.yaml"
-    twice = "eventually[w1.start, w1.end] (not in_place) and eventually[w3.end - 0.05, w3.end] (not in_place)"
-    text = skill.read_text(encoding="utf-8")
-    skill.write_text(text.replace("eventually[w2.start + 1, w2.end] (not in_place)", twice), encoding="utf-8")
-    document = sqrp("explain", own_watch, "watch seen", "--json").document
-    # Always seen while it may happen, in [0, 1] and [3.95, 4] s, and when the run looks at the end; the arm stands
-    # still. The next image is half a period of 0.1 s away on average.
-    middle = (1.0 * 0.5 + 0.05 * 3.975) / 1.05
-    expected = {
-        "delay_mean": 0.1, "delay_worst": 0.15, "blind_longest": 0.0, "unseen": 0.0,
-        "expected_time": middle + 0.1 + 4.0,
-    }  # fmt: skip
-    (moved,) = document["faults"].values()
-    assert moved.pop("why")["words"]
-    assert moved == pytest.approx(expected, abs=EXACT)
 
 
 def test_all_candidates_are_explained_as_rank_orders_and_judges_them(ranked, explained):

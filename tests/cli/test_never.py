@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +11,7 @@ from sqrp_cli.camera.camera import ImageEntry
 from sqrp_cli.cell.edits import with_cameras
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace_file import read_workspace_document
-from tests.cells import ROOT, made_cell, shipped_cell, write_cell
+from tests.cells import made_cell, shipped_cell, write_cell
 from tests.cli.browser import overview_of
 
 pytestmark = pytest.mark.slow
@@ -71,14 +69,3 @@ def test_a_camera_on_the_robot_shows_no_drop_before_its_latency_has_passed(sqrp,
     assert slip["unseen"] == 0.0
     assert 0.2 + 0.5 / 30 <= slip["delay_mean"] <= 0.25  # slips in the simulated cell take 0.23 s on average ...
     assert slip["delay_worst"] >= 0.4  # ... and up to 0.4 s at the beginning of the lift
-
-
-def test_figures_say_that_they_assume_a_detector_where_none_sees_the_colour_of_a_part(sqrp, tmp_path):
-    cell = shipped_cell("tabletop")
-    cell["objects"]["g2"]["color"] = "grey"
-    folder = write_cell(cell, tmp_path).parent
-    shutil.copy(ROOT / "workspaces" / "tabletop" / "place.yaml", folder)
-    for command in ("rank", "explain", "place"):
-        shown = sqrp(command, folder, "pickup g2", "--ways", "first")
-        (assumed,) = re.findall(r"For these times, ([^.]*)\.", " ".join(shown.out.split()))
-        assert assumed == "a detector is assumed that sees `g2`, whose colour none here sees"

@@ -171,14 +171,6 @@ def test_a_second_step_begins_where_the_first_ends_and_totals_weight_quality_wit
     assert sqrp("show", tmp_path / "listing.json").out == sqrp("program", two / "program.yaml").out
 
 
-def test_dropping_the_last_step_leaves_the_program_as_it_was_before_it(sqrp, folder):
-    path = folder / "program.yaml"
-    first = load_program(path).steps[0]
-    assert sqrp("program", path, "--drop-last").code == 0
-    (left,) = load_program(path).steps
-    assert left.model_dump() == first.model_dump()
-
-
 def test_a_program_that_could_not_be_read_again_is_not_written(sqrp, folder, monkeypatch):
     path = folder / "program.yaml"
     before = path.read_bytes()

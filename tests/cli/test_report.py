@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sqrp_cli.show.pages import assembly
 from tests.cli.browser import Opened, click_at_random, detail_in, walk
 from tests.cli.hostile import hostile_cell
 from tests.docs.words import COMPUTED, unexplained
@@ -49,20 +48,6 @@ def column(opened, number: int) -> list[str]:
 # What is written
 
 
-def test_a_report_is_the_terminals_table_and_more_and_is_written_where_it_can_be(sqrp, watch, tmp_path):
-    # The table in the terminal is the same with a report.
-    outcome = sqrp("rank", watch, "watch green", "--report", tmp_path / "page.html")
-    assert outcome.code == 0
-    assert outcome.out == sqrp("rank", watch, "watch green").out
-    assert f"open {tmp_path / 'page.html'} in a browser" in outcome.err
-    # A report is written about nothing feasible too but not where it cannot be.
-    assert sqrp("rank", watch, "watch stray", "--report", tmp_path / "page.html").code == 1
-    assert (tmp_path / "page.html").exists()
-    outcome = sqrp("rank", watch, "watch green", "--report", tmp_path / "no" / "page.html")
-    assert (outcome.code, outcome.out) == (2, "")
-    assert "mkdir -p" in outcome.err
-
-
 def test_a_page_is_opened_where_there_is_a_browser(sqrp, watch, tmp_path, monkeypatch):
     seen, page = [], tmp_path / "a page.html"
     command = ("rank", watch, "watch seen", "--report", page, "--open", "--json")
@@ -86,14 +71,6 @@ def test_the_page_is_one_small_file_that_names_no_other_place(written):
     details = [len(found) for found in re.findall(r'id="detail-\d+">([^<]*)<', text)]
     assert len(details) == 5
     assert len(text) - sum(details) + 200 * max(details) < 25e6
-
-
-def test_a_missing_library_is_named_with_the_command_that_installs_it(sqrp, watch, tmp_path, monkeypatch):
-    real = assembly.find_spec
-    monkeypatch.setattr(assembly, "find_spec", lambda name: None if name == "fast_simplification" else real(name))
-    outcome = sqrp("rank", watch, "watch green", "--report", tmp_path / "page.html")
-    assert (outcome.code, outcome.out) == (2, "")
-    assert "pip install trimesh fast-simplification" in outcome.err
 
 
 # What it does in a browser

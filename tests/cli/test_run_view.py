@@ -82,23 +82,3 @@ def log_of(path: Path) -> Path:
     report = {"t": 2.0, "event": "report", **asdict(RunReport("stopped", "it was seen", 2.0, [step], [fault]))}
     path.write_text("".join(json.dumps(line) + "\n" for line in [header, *images, report]), encoding="utf-8")
     return path
-
-
-@pytest.mark.parametrize(
-    "kept", ["", '{"t": 2.0, "event": "re', '{"t": 3.0, "event": "state", "fingers": {"left": 0.0}']
-)
-def test_a_run_that_was_interrupted_is_shown_until_then(sqrp, tmp_path, kept):
-    log = log_of(tmp_path / "log")
-    *lines, _ = log.read_text(encoding="utf-8").splitlines(keepends=True)
-    steps = [{"t": 1.0 + n, "event": "step", "number": 1 + n, "boxes": {}} for n in range(2)]
-    slip = {"t": 2.5, "event": "happened", "fault": "slip"}
-    header = json.loads(lines[0]) | {"steps": [{"skill": "pickup", "parameters": {}, "time": 1.0}] * 2}
-    events = "".join(json.dumps(line) + "\n" for line in [header, *steps, slip])
-    log.write_text(events + kept, encoding="utf-8")
-    shown = sqrp("run", "--replay", log)
-    assert (shown.code, shown.out) == (130, "1: pickup in cell: done, 2.00 s\n2.50 s: slip has happened\n")
-    assert shown.err == "this log was interrupted at 2.50 s of the run, when 1 of 2 steps were finished\n"
-    for more in (["--json"], ["--report", tmp_path / "page.html"]):
-        refused = sqrp("run", "--replay", log, *more)
-        assert (refused.code, refused.out) == (2, "")
-        assert "this log ends without a report, as the run was interrupted; expected one of a run" in refused.err

@@ -207,15 +207,6 @@ def test_columns_of_a_sweep_say_whose_values_they_are(paths, titles):
     assert column_titles(paths) == titles
 
 
-def test_a_sweep_warns_as_a_ranking_does_and_once_for_all_variants(sqrp, own_watch, tmp_path):
-    edit(own_watch / "watch" / "skill.yaml", "[w1.start, w1.end]", "[100, 200]")
-    arguments = ("--vary", "cameras.eye.near=0.5:0.6:2", "--patch", tmp_path / "best.patch")
-    outcome = sqrp("score", own_watch, *arguments)
-    assert outcome.code == 0
-    assert outcome.err == sqrp("rank", own_watch, "watch green").err
-    assert outcome.err.count("nothing of the interval [100, 200]") == 1
-
-
 @pytest.mark.parametrize("command", ["score", "diff"])
 def test_where_no_candidate_can_be_computed_nothing_is_printed(sqrp, watch, own_watch, monkeypatch, command):
     monkeypatch.setattr("sqrp_cli.study.analysis.MAX_SAMPLES", 1)

@@ -20,7 +20,7 @@ from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.shapes import Capsule, Cylinder, Part, Sphere
-from sqrp_cli.sight.limits import SIDES, Cause
+from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import Solid, load_solids
@@ -178,30 +178,6 @@ def test_targets_looked_at_together_give_what_each_gives_alone(seed: int, data: 
             assert all(
                 np.array_equal(getattr(box, f.name), getattr(other, f.name), equal_nan=True) for f in fields(box)
             )
-
-
-@few
-@given(seed=SEEDS)
-def test_a_cause_is_given_exactly_when_a_box_is_not_covered(seed: int) -> None:
-    watch = random_watch(seed)
-    for box, verdicts in zip(watch.target.boxes, watch.matrix, strict=True):
-        cause, by, figure, visible = verdicts.cause, verdicts.by, verdicts.figure, verdicts.visible
-        hidden, outside, seen = cause == Cause.HIDDEN, cause == Cause.OUT_OF_IMAGE, cause == Cause.NONE
-        assert ((by >= 0) == (hidden | outside)).all()
-        assert (by[outside] < len(SIDES)).all()
-        assert (by[hidden] < len(watch.parts)).all()
-        assert (np.isnan(visible) == ~(hidden | seen)).all()
-        assert (figure[hidden | seen] == 0).all()
-        assert (figure >= 0).all()
-        assert ((visible[hidden | seen] >= 0) & (visible[hidden | seen] <= 1)).all()
-        if box.limits.min_visible < 1:
-            assert (visible[hidden] < box.limits.min_visible).all()
-            assert (visible[seen] >= box.limits.min_visible).all()
-        else:
-            assert (visible[seen] == 1).all()
-        for solid in np.unique(by[hidden]).tolist():
-            part = watch.parts[solid]
-            assert not {part.parent, part.name}.intersection(box.encloses)
 
 
 @few

@@ -76,16 +76,6 @@ def test_every_limit_that_needs_no_scene_is_reached_by_the_cases_above() -> None
     assert {said(*random_case(seed)).cause for seed in range(300)} == {one for one in Cause if one < Cause.HIDDEN}
 
 
-def test_many_states_at_once_give_what_each_gives_alone() -> None:
-    camera, detector, size, _, normal = random_case(7)
-    rng = np.random.default_rng(7)
-    poses = np.stack([pose(random_rotation(rng), rng.uniform((-0.6, -0.5, 0.1), (0.6, 0.5, 2.5))) for _ in range(200)])
-    together = look(camera, boxed(detector, size, normal), frames={"thing": poses})
-    alone = [verdict(camera, detector, size, X_CB, normal) for X_CB in poses]
-    assert [Cause(int(code)) for code in together.cause[:, 0]] == [cause for cause, _, _ in alone]
-    assert together.figure[:, 0] == pytest.approx([figure for _, _, figure in alone], abs=1e-9)
-
-
 def at(*position: float) -> Array:
     return pose(position=position)
 

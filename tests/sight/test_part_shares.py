@@ -1,79 +1,13 @@
-"""What each part hides of a box, and which is named: plates with known shares, and what is seen without a part."""
+"""Which of the parts that hide a box is named: of plates with known shares."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import numpy as np
 import pytest
 
 from sqrp_cli.geometry import look_at, pose
-from sqrp_cli.shapes import Part
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.sight.observer import Observer
-from sqrp_cli.sight.scene_states import SceneStates
-from sqrp_cli.sight.solids import load_solid, load_solids
+from sqrp_cli.sight.solids import load_solids
 from tests.sight.views import box_part, look, make_box, make_camera, make_detector
-
-BOX = make_box((0.1, 0.1, 0.002), normal=(0.0, 0.0, 1.0), detector=make_detector(0.9))
-"""Thin, so that its silhouette is that of its face at the depth 1 m."""
-HALF_RAY = 0.5 / 32
-ONE = np.zeros(1, dtype=np.int64)
-
-
-def plate(name: str, depth: float, start: float, end: float) -> Part:
-    """A plate before the box as a camera 1 m away sees it: from and to which place across the box, of -1 to 1."""
-    half = 0.05 * (1 - depth)
-    return box_part(name, (half * (end - start), 1.0, 1e-5), pose(position=(half * (start + end) / 2, 0.0, depth)))
-
-
-def hiding(*plates: Part, names: dict[str, str] | None = None) -> dict[str, tuple[float, float]]:
-    """Share and share alone of the plates that hide something of the box."""
-    camera = make_camera(look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
-    observer = Observer((camera,), tuple(load_solid(one, (names or {}).get(one.name, one.name)) for one in plates))
-    (parts,) = observer.occluders([BOX], SceneStates(1, {"world": pose()[None]}), ONE, ONE, ONE)
-    assert [(-one.share, one.name) for one in parts] == sorted((-one.share, one.name) for one in parts)
-    return {part.name: (part.share, part.alone) for part in parts}
-
-
-def about(share: float, alone: float) -> object:
-    return pytest.approx((share, alone), abs=HALF_RAY)
-
-
-SCREEN = plate("screen", 0.5, -0.5, 0.5)
-
-
-@pytest.mark.parametrize(
-    ("plates", "names", "expected"),
-    [
-        # What two plates hide belongs to the nearer one.
-        ([SCREEN, plate("wall", 0.2, 0.0, 1.0)], {}, {"screen": about(0.5, 0.25), "wall": about(0.25, 0.25)}),
-        # One behind another hides nothing and is left out.
-        ([SCREEN, plate("wall", 0.2, -0.2, 0.2)], {}, {"screen": about(0.5, 0.3)}),
-        # Pieces of one name are one part.
-        (
-            [plate("post_1", 0.5, -0.5, 0.1), plate("post_2", 0.2, -0.1, 0.5)],
-            {"post_1": "post", "post_2": "post"},
-            {"post": about(0.5, 0.5)},
-        ),
-        # What is beside or behind the box hides nothing.
-        ([plate("beside", 0.5, 1.1, 2), box_part("behind", (1, 1, 0.01), pose(position=(0, 0, -0.1)))], {}, {}),
-    ],
-)
-def test_of_plates_the_first_on_a_ray_hides_what_is_behind_it(
-    plates: list[Part], names: dict[str, str], expected: object
-) -> None:
-    assert hiding(*plates, names=names) == expected
-
-
-def test_plates_that_cross_share_what_they_hide() -> None:
-    """A tilted plate is in front on one side only."""
-    tilted = plate("tilted", 0.5, -2.0, 2.0)
-    turned = pose(position=(0.0, 0.0, 0.5))
-    turned[:3, :3] = [[np.cos(0.5), 0, np.sin(0.5)], [0, 1, 0], [-np.sin(0.5), 0, np.cos(0.5)]]
-    found = hiding(plate("flat", 0.5, -1.0, 1.0), replace(tilted, X_PG=turned))
-    assert found == {"flat": about(0.5, 0.0), "tilted": about(0.5, 0.0)}
-
 
 CUBE = make_box((0.1, 0.1, 0.1), detector=make_detector(0.9))
 

@@ -3,18 +3,15 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from sqrp_cli.ask.api.cell import open_cell
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.geometry import axis_rotation, displacement
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.show.documents.explanation import Explanation
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.study.analysis import Analysis, analyse, analysed
@@ -223,24 +220,3 @@ def test_the_camera_to_turn_closes_the_gap_and_none_does_with_less(
     assert nearest.camera in closing(nearest.change.angle)
     assert not closing(nearest.change.angle - 1.5)
     assert stretch.remedy.startswith(f"turning camera `{nearest.camera}` {nearest.change.angle:.0f} deg ")
-
-
-def test_the_first_box_that_fails_is_named_if_a_target_has_several() -> None:
-    found = open_cell(Path(__file__).parents[2] / "workspaces" / "screws").explain("pickup red1", ways="fastest")
-    assert isinstance(found, Explanation)
-    (candidate,) = found.candidates
-    named = 0
-    for sample in candidate.samples:
-        for literal, coverage in sample.literals.items():
-            boxes = candidate.targets[literal].boxes
-            for camera, found_by in coverage.cameras.items():
-                failing = [
-                    box.name
-                    for box, seen in zip(boxes, coverage.boxes, strict=True)
-                    if not seen.cameras[camera].covered
-                ]
-                assert found_by.box == (failing[0] if failing and len(boxes) > 1 else None)
-                named += found_by.box is not None
-    assert named > 100
-    assert "seen too flat" in str(found)
-    assert {box.name for box in candidate.targets["hold(red1)"].boxes} == {"left", "right", "between"}
