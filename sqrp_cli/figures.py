@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from sqrp_cli.document import LEFT_OUT, Record
-from sqrp_cli.files.entries import FileRecord, from_fields
+from sqrp_cli.files.entries import FileRecord
 from sqrp_cli.geometry import check_finite
 from sqrp_cli.records import dataclass
 
@@ -170,8 +170,3 @@ class AdvisedFigures(Qualities):
     noticed."""
     unseen: float | None = None
     """The largest share of times after which a fault may never be noticed, in 0..1; null without faults."""
-
-    @classmethod
-    def of(cls, found: Figures) -> AdvisedFigures:
-        """The figures of a candidate."""
-        return from_fields(AdvisedFigures, found)

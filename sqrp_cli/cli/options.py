@@ -25,7 +25,7 @@ def write_patch(path: Path, begin: str, patch: str) -> None:
 
 
 _OWN = {
-    "--patch": ("patch of this program", rb"# [^\n]* `sqrp "),
+    "--patch": ("patch of `sqrp ", rb"# [^\n]* `sqrp "),  # and which command it is
     "--report": ("page", rb"<!doctype html>"),
     "--save-baseline": ("baseline", rb'\{\s*"format": "sqrp baseline'),
     "--junit": ("JUnit file of `sqrp score`", rb'<\?xml [^>]*>\s*<testsuites name="sqrp score"'),
@@ -51,6 +51,9 @@ def check_outputs(outputs: Mapping[str, Path | None]) -> None:
         check_writable(path)
         if option in _OWN and path.is_file():
             what, begin = _OWN[option]
+            if option == "--patch":  # those of other commands stay, too
+                command = next(word for word in line.get() if not word.startswith("-"))
+                what, begin = f"{what}{command}`", begin + command.encode() + rb"\b"
             with path.open("rb") as file:
                 first = file.read(1000)
             if (first or option == "--patch") and re.match(begin, first, re.DOTALL) is None:

@@ -11,6 +11,7 @@ import numpy as np
 from sqrp_cli.document import LEFT_OUT, Record, TaskDocument, live
 from sqrp_cli.errors import InputError, bad_option
 from sqrp_cli.figures import FIGURE_NAMES, LATE, AdvisedFigures
+from sqrp_cli.files.entries import from_fields
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.goal import MOTION, Goal, Kind
 from sqrp_cli.study.ranking import rank
@@ -79,7 +80,7 @@ class TaskEffect(Record):
                     changed_at_all |= bool(old != new)
                     worse += ["delay_worst" if name == "latest" else name] if new < old else []
             if changed_at_all:
-                figures = AdvisedFigures.of(before), AdvisedFigures.of(after)
+                figures = from_fields(AdvisedFigures, before), from_fields(AdvisedFigures, after)
                 name = before.candidate.name
                 changed.append(
                     ChangedCandidate(candidate=name, before=figures[0], after=figures[1], worse=tuple(worse))

@@ -192,4 +192,6 @@ def _advice(question: Question, met: Tried) -> AdviceFound:
 
 def _change_found(change: ProposedChange, found: CandidateResult) -> ChangeFound:
     values = change.values if change.parameters is None else dict(change.parameters)
-    return from_fields(ChangeFound, AdvisedFigures.of(found), change, change=values, proposed=change, found=found)
+    return from_fields(
+        ChangeFound, from_fields(AdvisedFigures, found), change, change=values, proposed=change, found=found
+    )

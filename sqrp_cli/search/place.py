@@ -404,7 +404,7 @@ class CameraPlacer:
             pairs = [] if ranked is None else [(getattr(ranked, q), getattr(figures, q)) for q in _COMPARED]
             others = any((a is None) != (b is None) or abs((a or 0.0) - (b or 0.0)) > 1e-6 for a, b in pairs)
             about = {"task": way.task, "candidate": way.candidate.name, "found": figures}
-            about["ranked"] = AdvisedFigures.of(ranked) if others and ranked is not None else None
+            about["ranked"] = from_fields(AdvisedFigures, ranked) if others and ranked is not None else None
             placed.append(from_fields(PlacedCandidate, figures, **about))
         return tuple(placed)
 

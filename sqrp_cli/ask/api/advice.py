@@ -16,6 +16,7 @@ from sqrp_cli.cell.workspace_file import read_again
 from sqrp_cli.checks.lint import assumptions
 from sqrp_cli.errors import InputError, bad_option
 from sqrp_cli.figures import AdvisedFigures
+from sqrp_cli.files.entries import from_fields
 from sqrp_cli.files.source import SourceDocument
 from sqrp_cli.files.yaml_edit import patch
 from sqrp_cli.geometry import inverse, read_only
@@ -121,8 +122,8 @@ def find_advice(cell: Cell, ask: AdviseRequest, content: bytes | None = None) ->
             candidate=best.candidate.name,
             way=question.way.parameters,
             met=goal.met(question.before),
-            before=AdvisedFigures.of(question.before),
-            best=AdvisedFigures.of(best) if goal.met(best) else None,
+            before=from_fields(AdvisedFigures, question.before),
+            best=from_fields(AdvisedFigures, best) if goal.met(best) else None,
             ways="first" if question.fixed else "best",
             starts_fastest=is_fastest(question.before),
             assumed=assumptions(workspace, best.candidate.binding.values()),

@@ -123,7 +123,7 @@ def print_table(columns: Sequence[Column], rows: Iterable[Sequence[TableCell]]) 
         for row in cells:
             table.add_row(*row)
         for segments in console.render_lines(table, pad=False):  # Rich would pad the last column with blanks
-            line = Text.assemble(*((segment.text.replace(_KEPT, " "), segment.style or "") for segment in segments))
+            line = Text.assemble(*((segment.text, segment.style or "") for segment in segments))
             line.rstrip()
             _put(console, line)
         return
@@ -169,7 +169,7 @@ def _laid_out(
 
 def _put(console: Console, line: Text) -> None:
     """Print a line as it is, unless a CI server would take it for a command."""
-    line.plain = harmless(line.plain)
+    line.plain = harmless(line.plain.replace(_KEPT, " "))
     console.print(line, soft_wrap=True)
 
 
@@ -267,7 +267,6 @@ def _tell(line: Text) -> None:
 def _put_folded(console: Console, line: Text, indent: int) -> None:
     """Print a line, folded between words; indent: of all lines but the first."""
     for number, part in enumerate(line.wrap(console, max(console.width, LEAST_WIDTH) - indent)):
-        part.plain = part.plain.replace(_KEPT, " ")
         part.rstrip()
         _put(console, Text.assemble(" " * indent * bool(number), part))
 
