@@ -10,7 +10,6 @@ from dataclasses import field, fields
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.light import Light
@@ -82,24 +81,18 @@ class Observer:
 
     def coverage(
         self, targets: Sequence[Target], states: SceneStates, rows: Sequence[Indices], loss: Loss | None = None
-    ) -> list[Array]:
-        """The response of the cameras that cover each target in its m states `rows`, NaN where none do, (m,) [s].
+    ) -> list[Mask]:
+        """Whether enough cameras see each target in its m states `rows`, (m,); no more are tested than needed.
 
-        It is the k-th smallest one of a camera that sees the target. No more cameras are tested than needed: those with
-        the fastest response come first. loss: after which nothing more is looked at, and counts as uncovered.
+        loss: after which nothing more is looked at, and counts as uncovered.
         """
         counts = list(map(len, rows))
         needed = np.repeat([target.cameras for target in targets], counts)
         of_each, state = np.array([len(target.boxes) for target in targets]), np.concatenate([np.arange(0), *rows])
         items = Items(state, np.repeat(np.cumsum(of_each) - of_each, counts), np.repeat(of_each, counts))
         request = self._scene.request(self.projections, [box for one in targets for box in one.boxes], states)
-        sees = request.cover(items, needed, self._tiers, loss)
-        # The k-th smallest response among the cameras that see the target of a question, NaN if fewer do, (q,) [s].
-        seen, response = np.zeros(len(needed), dtype=np.int64), np.full(len(needed), np.nan)
-        for tier in self._tiers:
-            seen += sees[tier].sum(axis=0)
-            response[(seen >= needed) & np.isnan(response)] = self.cameras[tier[0]].response
-        return np.split(response, np.cumsum(counts)[:-1]) if counts else []
+        sees = request.cover(items, needed, [np.arange(len(self.cameras))], loss)
+        return np.split(sees.sum(axis=0) >= needed, np.cumsum(counts)[:-1]) if counts else []
 
     def occluders(
         self, boxes: Sequence[SoughtBox], states: SceneStates, box: Indices, camera: Indices, state: Indices
@@ -168,12 +161,6 @@ class Observer:
         first = np.cumsum(counts) - counts
         request = self._scene.request([Projection(lens) for lens in lenses], boxes, states)
         return request.look_from(X_FC, Items(state, first[target], counts[target]), decisive, limits_only=limits_only)
-
-    @cached_property
-    def _tiers(self) -> list[NDArray[np.int64]]:
-        """Indices of cameras grouped by response, fastest first."""
-        responses = np.array([camera.response for camera in self.cameras])
-        return [np.flatnonzero(responses == response) for response in sorted({*responses.tolist()})]
 
     @cached_property
     def projections(self) -> list[Projection]:

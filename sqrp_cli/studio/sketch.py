@@ -77,8 +77,7 @@ class Sketch(SampledMotion):
             matrix = tuple(map(tuple, merged))
         elif cell is not self.cell:
             matrix = cell.observer.verdicts(targets, self.states, shares=False)
-        responses = np.array([one.response for one in cameras])
-        observation = observation_of(matrix, responses, targets, self.required)
+        observation = observation_of(matrix, targets, self.required)
         timeline = Timeline(self.planned, self.samples, observation)
         table: dict[Verdict, int] = {}
         atoms = {}

@@ -78,8 +78,6 @@ class Observation:
     """Where the target is required and was observed, or its neighbouring samples agree, shape (m, a)."""
     covered: Mask
     """Whether enough cameras see the target, False where not known, shape (m, a)."""
-    response: Array
-    """Response of the cameras that cover it, NaN where uncovered, shape (m, a) [s]."""
     matrix: tuple[tuple[BoxVerdicts, ...], ...] | None
     """Per target and box the verdicts of every camera; None if only coverage was requested."""
 
@@ -103,16 +101,12 @@ class Observation:
 
     def agreed(self, first: Indices, second: Indices) -> Observation:
         """The results common to the samples `first` and `second`, by index, without a matrix."""
-        covered, response = self.covered, self.response
-        both = self.known[first] & self.known[second]
-        seen = both & covered[first] & covered[second] & (response[first] == response[second])
-        known = seen | (both & ~covered[first] & ~covered[second])
+        known = self.known[first] & self.known[second] & (self.covered[first] == self.covered[second])
         return Observation(
             looked=~known.any(axis=1),
             required=self.required[first] & self.required[second],
             known=known,
-            covered=seen,
-            response=np.where(seen, response[first], np.nan),
+            covered=known & self.covered[first],
             matrix=None,
         )
 
@@ -231,7 +225,6 @@ def look_at(
         required=required,
         known=required if known is None else known.known | required,
         covered=nothing if known is None else known.covered.copy(),
-        response=np.full(required.shape, np.nan) if known is None else known.response.copy(),
         matrix=None,
     )
     rows = [np.flatnonzero(asked) for asked in (required if known is None else required & ~known.known).T]
@@ -240,35 +233,28 @@ def look_at(
         loss = None if bars is None else Loss(np.stack([before, before * stage.of_interest(samples)], axis=1), bars)
         seen = observer.coverage(planned.targets, stage.states(samples, q), rows, loss)
         for column, (at, of_target) in enumerate(zip(rows, seen, strict=True)):
-            found.covered[at, column], found.response[at, column] = ~np.isnan(of_target), of_target
+            found.covered[at, column] = of_target
     return found
 
 
 def look_closely(observer: Observer, planned: PlannedMotion, samples: Samples) -> Observation:
     """The verdicts of every camera on every target in samples of a motion, with causes."""
     stage, targets = planned.stage, planned.targets
-    responses = np.array([camera.response for camera in observer.cameras])
-    matrix = observer.verdicts(targets, stage.states(samples))
-    return observation_of(matrix, responses, targets, stage.requires(targets, samples))
+    return observation_of(observer.verdicts(targets, stage.states(samples)), targets, stage.requires(targets, samples))
 
 
 def observation_of(
-    matrix: tuple[tuple[BoxVerdicts, ...], ...], responses: Array, targets: Sequence[Target], required: Mask
+    matrix: tuple[tuple[BoxVerdicts, ...], ...], targets: Sequence[Target], required: Mask
 ) -> Observation:
-    """What the verdicts of every camera on every target say; responses: of the cameras, shape (c,) [s]."""
-    covered, response = np.zeros(required.shape, dtype=bool), np.full(required.shape, np.nan)
+    """What the verdicts of every camera on every target say."""
+    covered = np.zeros(required.shape, dtype=bool)
     for column, (target, boxes) in enumerate(zip(targets, matrix, strict=True)):
-        sees = sees_all(boxes)
-        covered[:, column] = required[:, column] & (sees.sum(axis=1) >= target.cameras)
-        if target.cameras <= len(responses):
-            kth = np.sort(np.where(sees, responses, np.inf), axis=1)[:, target.cameras - 1]
-            response[:, column] = np.where(covered[:, column], kth, np.nan)
+        covered[:, column] = required[:, column] & (sees_all(boxes).sum(axis=1) >= target.cameras)
     return Observation(
         looked=np.ones(len(required), dtype=bool),
         required=required,
         known=required,
         covered=covered,
-        response=response,
         matrix=matrix,
     )
 

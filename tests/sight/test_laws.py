@@ -59,23 +59,15 @@ class Watch:
     def observer(self) -> Observer:
         return Observer(self.cameras, load_solids(self.parts))
 
-    def coverage(self, rows: NDArray[np.int64] | None = None) -> Array:
-        rows = np.arange(STATES) if rows is None else rows
-        (found,) = self.observer.coverage([self.target], self.states, [rows])
-        return found
-
     @cached_property
     def matrix(self) -> tuple[BoxVerdicts, ...]:
         (boxes,) = self.observer.verdicts([self.target], self.states)
         return boxes
 
     @cached_property
-    def response(self) -> Array:
-        return self.coverage()
-
-    @property
     def covered(self) -> NDArray[np.bool_]:
-        return ~np.isnan(self.response)
+        (found,) = self.observer.coverage([self.target], self.states, [np.arange(STATES)])
+        return found
 
 
 @cache
@@ -129,22 +121,12 @@ def with_share(watch: Watch, share: float) -> Watch:
     return replace(watch, target=replace(watch.target, boxes=boxes))
 
 
-def same_response(first: Array, second: Array) -> bool:
-    return bool(np.allclose(first, second, equal_nan=True))
-
-
 @few
 @given(seed=SEEDS)
-def test_coverage_alone_is_what_the_full_matrix_gives_response_included(seed: int) -> None:
+def test_coverage_alone_is_what_the_full_matrix_gives(seed: int) -> None:
     watch = random_watch(seed)
     sees = np.all([box.cause == Cause.NONE for box in watch.matrix], axis=0)
     assert watch.covered.tolist() == (sees.sum(axis=1) >= watch.target.cameras).tolist()
-    for state in range(STATES):
-        responses = sorted(c.response for c, seen in zip(watch.cameras, sees[state], strict=True) if seen)
-        if watch.covered[state]:
-            assert watch.response[state] == pytest.approx(responses[watch.target.cameras - 1])
-        else:
-            assert np.isnan(watch.response[state])
 
 
 @few
@@ -155,7 +137,7 @@ def test_no_more_is_looked_at_once_too_much_is_lost(seed: int, too_many: int) ->
     (found,) = watch.observer.coverage([watch.target], watch.states, [np.arange(STATES)], loss)
     covered = watch.covered
     lost = np.cumsum(~covered & np.append(False, ~covered[:-1])) >= too_many
-    assert (~np.isnan(found)).tolist() == (covered & ~lost).tolist()
+    assert found.tolist() == (covered & ~lost).tolist()
 
 
 @few
@@ -171,9 +153,7 @@ def test_targets_looked_at_together_give_what_each_gives_alone(seed: int, data: 
     matrices = watch.observer.verdicts([w.target for w in watches], watch.states)
 
     for each, rows, coverage, matrix in zip(watches, asked, together, matrices, strict=True):
-        expected = each.response[rows]
-        assert np.isnan(coverage).tolist() == np.isnan(expected).tolist()
-        assert same_response(coverage, expected)
+        assert coverage.tolist() == each.covered[rows].tolist()
         for box, other in zip(matrix, each.matrix, strict=True):
             assert all(
                 np.array_equal(getattr(box, f.name), getattr(other, f.name), equal_nan=True) for f in fields(box)
@@ -203,7 +183,6 @@ def test_the_order_of_cameras_and_solids_does_not_matter(seed: int, cameras: lis
         watch, cameras=tuple(watch.cameras[i] for i in cameras), parts=tuple(watch.parts[i] for i in solids)
     )
     assert watch.covered.tolist() == shuffled.covered.tolist()
-    assert same_response(watch.response, shuffled.response)
     for box, other in zip(watch.matrix, shuffled.matrix, strict=True):
         cause, by = box.cause[:, cameras], box.by[:, cameras]
         hidden = cause == Cause.HIDDEN
@@ -260,8 +239,6 @@ def test_coverage_never_falls_where_more_can_be_seen_or_less_is_asked(
     asked = [replace(watch, target=replace(watch.target, cameras=k)) for k in range(6, 0, -1)]
     rising = [(fewer, watch), (watch, cleared), (all_of_it, strict), (strict, lenient), *pairwise(asked)]
     assert [not (less.covered & ~more.covered).any() for less, more in rising] == [True] * len(rising)
-    seen = fewer.covered
-    assert (watch.response[seen] <= fewer.response[seen] + 1e-12).all()
     assert not asked[0].covered.any()  # there are five cameras
 
 

@@ -87,8 +87,8 @@ def look(
     states = SceneStates(max(map(len, poses.values())), poses)
     observer, target = Observer((camera,), tuple(solids), lights or {}), Target(Atom("seen"), 1, (box,))
     ((found,),) = observer.verdicts([target], states)
-    (response,) = observer.coverage([target], states, [np.arange(states.count)])
-    assert (~np.isnan(response)).tolist() == (found.cause[:, 0] == Cause.NONE).tolist()
+    (covered,) = observer.coverage([target], states, [np.arange(states.count)])
+    assert covered.tolist() == (found.cause[:, 0] == Cause.NONE).tolist()
     return found
 
 

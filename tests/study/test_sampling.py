@@ -267,7 +267,6 @@ def test_a_look_sees_what_a_close_look_sees(seed: int, ur5: RobotModel) -> None:
     close = look_closely(motion.observer, motion.planned, samples)
     for name in ("looked", "required", "known", "covered"):
         assert np.array_equal(getattr(found, name), getattr(close, name)), name
-    assert np.array_equal(found.response, close.response, equal_nan=True)
     assert found.covered.any()
     assert not found.covered.all()
 
