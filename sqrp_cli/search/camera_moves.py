@@ -12,7 +12,6 @@ from typing import Literal
 import numpy as np
 
 from sqrp_cli.camera.camera import Camera
-from sqrp_cli.figures import falls_short
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.geometry import Array, Mask, inverse, read_only, transform
 from sqrp_cli.platform.processes import in_processes
@@ -22,7 +21,7 @@ from sqrp_cli.search.bound import CameraBound
 from sqrp_cli.search.question import ProposedChange, Question, Search, Tried, analysed_again
 from sqrp_cli.search.vectors import Bounds, shells
 from sqrp_cli.study.timeline import observe
-from sqrp_cli.study.whole_analysis import WholeAnalysis, mean_quality
+from sqrp_cli.study.whole_analysis import WholeAnalysis
 
 CameraKind = Literal["aim", "position", "lens", "camera"]
 LENS_STEP, LENS_STRIDE = radians(0.1), 10
@@ -161,21 +160,12 @@ class CameraMove:
 
     def meets(self, change: ProposedChange) -> bool:
         """See `least.Move`: by the exact timeline of what the goal is about; where it is missed, the bound learns."""
-        question, goal = self.question, self.question.goal
+        question, cell = self.question, change.in_cell(self.question.cell)
         if change.camera is None or not self._free(change.camera.X_FC[None])[0]:
             return False
-        if goal.only_events:
-            observer = change.in_cell(question.cell).observer
-            timelines = [
-                observe(step.planned, observer, question.sampling, full=False) for step in self.question.goal_steps
-            ]
-            quality = mean_quality([(timeline.qualities.q_eoi, timeline.planned.T_eoi) for timeline in timelines])
-            met = not falls_short(quality or 0.0, goal.q_eoi or 0.0)
-        else:
-            analysis = self.analysed(change)
-            timelines, met = [step.timeline for step in analysis.steps], goal.met(analysis.result)
-        if not met:
-            self.bound = self.bound.sharper(timelines)
+        seen = [observe(one.planned, cell.observer, question.sampling, full=False) for one in question.goal_steps]
+        if not (met := question.met_by(cell, seen)):
+            self.bound = self.bound.sharper(seen)
         return met
 
     def analysed(self, change: ProposedChange) -> WholeAnalysis:

@@ -13,8 +13,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.search.aiming import whole_millimetres
 from sqrp_cli.search.question import ProposedChange, Question
 from sqrp_cli.search.vectors import Bounds
-from sqrp_cli.study.analysis import with_delays
-from sqrp_cli.study.whole_analysis import WholeAnalysis, mean_qualities, whole_analysis, whole_observed
+from sqrp_cli.study.whole_analysis import WholeAnalysis, whole_analysis, whole_observed
 
 DIRECTIONS = 12
 """Directions that are tried at each distance."""
@@ -59,21 +58,13 @@ class ObjectMove:
         )
 
     def meets(self, change: ProposedChange) -> bool:
-        """See `least.Move`: qualities first, since delays take as long as all the rest."""
+        """See `least.Move`."""
         if change.values not in self._known:
             question, met = self.question, False
             if change.size and self._fits(change):
                 cell, world = question.cell, change.in_world(question.world)
                 seen = whole_observed(cell, question.way, world, question.sampling, full=False)
-                if not isinstance(seen, Infeasible):
-                    time = sum(step.planned.motion.time for step in seen)
-                    found = mean_qualities((step.qualities, step.planned.T, step.planned.T_eoi) for step in seen)
-                    in_time = question.goal.time is None or time <= question.goal.time
-                    if in_time and question.goal.may_be_met(found):
-                        whole = WholeAnalysis(
-                            question.way, tuple(with_delays(cell, one, question.sampling) for one in seen)
-                        )
-                        met = question.goal.met(whole.result)
+                met = not isinstance(seen, Infeasible) and question.met_by(cell, seen)
             self._known[change.values] = met
         return self._known[change.values]
 

@@ -18,13 +18,13 @@ from sqrp_cli.search.aiming import Aim
 from sqrp_cli.search.goal import Goal, Kind, Unit, shown_size
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.skill.settings import MotionValue
-from sqrp_cli.study.analysis import Analysis, analysed
+from sqrp_cli.study.analysis import Analysis, analysed, with_delays
 from sqrp_cli.study.find import Plans
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.stage import Stage
-from sqrp_cli.study.timeline import observe
-from sqrp_cli.study.whole_analysis import WholeAnalysis, whole_analysis
+from sqrp_cli.study.timeline import Timeline, observe
+from sqrp_cli.study.whole_analysis import WholeAnalysis, mean_qualities, whole_analysis
 from sqrp_cli.task.grips import first_grip
 from sqrp_cli.task.task import Candidate
 
@@ -151,6 +151,17 @@ class Question:
             return False
         cell = tried.change.in_cell(self.cell)
         return self.goal.met(analysed_again(cell, tried.analysis, self.sampling, full=True).result)
+
+    def met_by(self, cell: Cell, seen: Sequence[Timeline]) -> bool:
+        """Whether what a cell sees of the steps meets the goal: qualities first, as delays take as long as the rest."""
+        goal, time = self.goal, sum(one.planned.motion.time for one in seen)
+        found = mean_qualities((one.qualities, one.planned.T, one.planned.T_eoi) for one in seen)
+        if not goal.may_be_met(found) or (goal.time is not None and time > goal.time):
+            return False
+        if goal.delay is None:
+            return True
+        steps = tuple(with_delays(cell, one, self.sampling) for one in seen)
+        return goal.met(WholeAnalysis(self.way, steps).result)
 
     @cached_property
     def analysis(self) -> WholeAnalysis | Infeasible:

@@ -67,7 +67,7 @@ def shows_fault(story: Story, t: Array) -> Mask:
     """Whether an image at each time t shows the fault, by the samples around it."""
     found, interval = np.zeros(len(t), dtype=bool), story.interval
     pieces = story.timeline.samples.piece.tolist()
-    for (t0, first, _), (t1, second, _), number, after in zip(
+    for (t0, first), (t1, second), number, after in zip(
         moments(story), moments(story)[1:], pieces, pieces[1:], strict=False
     ):
         piece, literals = story.timeline.planned.stage.pieces[number], story.formulas[-1].literals

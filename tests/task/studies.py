@@ -11,7 +11,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from sqrp_cli.cell.workspace import World
-from sqrp_cli.geometry import Array, look_at, pose
+from sqrp_cli.geometry import look_at, pose
 from sqrp_cli.logic.formula_time import GroundOperator, TimeInterval
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.motion.plan_motion import Motion, TimedPrimitive
@@ -131,7 +131,6 @@ def watched_motion(seed: int, model: RobotModel, min_visible: float = 1.0) -> Wa
 
 
 ATOMS = (Atom("hold"), Atom("placed"))
-RESPONSES = (0.09, 0.15, 0.3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +159,6 @@ def make_story(
     samples = Samples(np.array(number), np.array(t))
     required = np.array([[any(lit.atom == a for lit in piece.literals) for a in ATOMS] for piece in pieces])[number]
     covered = required & (rng.random(required.shape) < seen)
-    response = np.where(covered, rng.choice(RESPONSES, required.shape), np.nan)
     operator = formulas[-1]
     columns = tuple(ATOMS.index(literal.atom) for literal in operator.literals)
     primitives = [SimpleNamespace(held=None)] * len(durations)
@@ -173,7 +171,6 @@ def make_story(
             required=required,
             known=required,
             covered=covered,
-            response=response,
             matrix=None,
         ),
     )
@@ -212,9 +209,8 @@ def stretches(formulas: tuple[GroundOperator, ...], kinds: tuple[str, ...]) -> l
     return union
 
 
-def moments(story: Story) -> list[tuple[float, bool, float]]:
-    """Of every sample in order its time, whether the fault is covered, and how soon images show it [s], or NaN."""
+def moments(story: Story) -> list[tuple[float, bool]]:
+    """Of every sample in order its time, and whether the fault is covered."""
     timeline = story.timeline
-    t: Array = timeline.samples.t
-    response: Array = timeline.observation.response[:, list(timeline.planned.faults["slip"])].max(axis=1)
-    return list(zip(t.tolist(), ~np.isnan(response), response, strict=True))
+    covered = timeline.observation.covered[:, list(timeline.planned.faults["slip"])].all(axis=1)
+    return list(zip(timeline.samples.t.tolist(), covered.tolist(), strict=True))
