@@ -15,11 +15,14 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import IntEnum
 from itertools import accumulate
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 from sqrp_cli.logic.formula import Formula, Operator, Predicate
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.records import dataclass
+
+TruthWord: TypeAlias = Literal["true", "false", "blind"]
+"""A truth value in output about images: `blind` where they show neither."""
 
 
 class Truth(IntEnum):
@@ -34,9 +37,9 @@ class Truth(IntEnum):
         return Truth(-self)
 
     @property
-    def word(self) -> str:
-        """Its name in output about images: `true`, `false`, or `blind`."""
-        return "blind" if self is Truth.UNKNOWN else self.name.lower()
+    def word(self) -> TruthWord:
+        """Its name in output about images."""
+        return "blind" if self is Truth.UNKNOWN else "true" if self is Truth.TRUE else "false"
 
 
 @dataclass(frozen=True)

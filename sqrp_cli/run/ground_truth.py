@@ -14,7 +14,7 @@ import numpy as np
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.files.frames import AT_START, WORLD
 from sqrp_cli.geometry import Array, matrix_to_quaternion
-from sqrp_cli.logic.truth import Truth
+from sqrp_cli.logic.truth import TruthWord
 from sqrp_cli.program.record import Program, Step
 from sqrp_cli.ros.bag import written
 from sqrp_cli.run.monitor.nominal_step import NominalStep, planned_joints
@@ -90,9 +90,9 @@ def write_planned_run(path: Path, program: Program, workspace: Workspace) -> Non
                 recorder(event("state", begin + now, **changes(state, last)))
                 last, asked, seen = state, monitor.monitored(now), dict[str, ShownAtom]()
                 for atom in step.targets:
-                    value = Truth.TRUE if nominal.holds(atom, now) else Truth.FALSE
+                    value: TruthWord = "true" if nominal.holds(atom, now) else "false"
                     covered, cameras = nominal.is_covered(atom, now), dict.fromkeys(nominal.covering(atom, now), value)
-                    shown = value if covered else Truth.UNKNOWN
+                    shown = value if covered else "blind"
                     seen[atom] = ShownAtom(value=shown, predicted=covered, asked=atom in asked, cameras=cameras)
                 if seen != literals:
                     recorder(event("evidence", begin + now, exposed=begin + now, step_time=now, literals=seen))

@@ -136,11 +136,11 @@ class EvidenceCollector:
                 required = attempt.monitored(max(tau or 0.0, 0.0))
                 shown = {
                     atom: ShownAtom(
-                        value=fused.truth,
+                        value=fused.truth.word,
                         true=evidence.truths.get(atom),
                         predicted=tau is not None and attempt.nominal.is_covered(atom, tau),
                         asked=atom in required,
-                        cameras=dict(sorted(fused.votes.items())),
+                        cameras={camera: vote.word for camera, vote in sorted(fused.votes.items())},
                     )
                     for atom, fused in evidence.atoms.items()
                 }

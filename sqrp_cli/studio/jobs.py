@@ -192,10 +192,9 @@ class _Watching:
             case "evidence":
                 shown = {}
                 for atom, one in event.literals.items():
-                    cameras = {name: truth.word for name, truth in one.cameras.items()}
                     flags = {"asked": one.asked, "predicted": one.predicted}
-                    said = {"says": self._says.get(atom, atom), "value": one.value.word}
-                    shown[atom] = {**said, **flags, "cameras": cameras}
+                    said = {"says": self._says.get(atom, atom), "value": one.value}
+                    shown[atom] = {**said, **flags, "cameras": one.cameras}
                 tell(self.pipe, "run-evidence", t=event.t, literals=shown)
             case "step":
                 self._says = event.says

@@ -22,7 +22,6 @@ from rich.console import Console
 
 from sqrp_cli.document import WorkspaceDocument
 from sqrp_cli.errors import Place, Problem
-from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.file import load_program, save_program
 from sqrp_cli.run.record.events import VERSION, ShownAtom, event
 from sqrp_cli.run.record.log import read_log, written_log
@@ -78,7 +77,7 @@ def test_what_changes_in_place_controls_no_terminal_either(monkeypatch):
         advance()
     with live_view([EVIL]) as view:
         view(event("primitive", 0.0, name=EVIL))
-        atom = ShownAtom(value=Truth.TRUE, asked=True, predicted=True, cameras={EVIL: Truth.TRUE})
+        atom = ShownAtom(value="true", asked=True, predicted=True, cameras={EVIL: "true"})
         view(event("evidence", 0.1, exposed=0.0, literals={EVIL: atom}))
         view(event("happened", 0.2, fault=EVIL))
     own = re.sub(r"\r|\x1b\[[0-9;?]*[A-Za-z]", "\n", out.getvalue())

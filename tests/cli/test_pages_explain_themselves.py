@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from sqrp_cli.figures import FaultMetrics
-from sqrp_cli.logic.truth import Truth
 from sqrp_cli.run.record.events import ShownAtom, event
 from sqrp_cli.run.record.report import FaultRecord, RunReport, StepRecord
 from sqrp_cli.show.pages.assembly import PageContent, PageRow, write_page
@@ -158,7 +157,7 @@ def test_causes_differ_by_pattern_or_sign_and_not_only_by_colour(opened, scheme)
 
 
 def run_page(tmp_path, fault: FaultRecord | None, attempts: int = 1) -> tuple[RunReport, object]:
-    shown = ShownAtom(value=Truth.TRUE, asked=True, cameras={"cam1": Truth.TRUE}, true=True)
+    shown = ShownAtom(value="true", asked=True, cameras={"cam1": "true"}, true=True)
     events = [event("primitive", 0.0, name="a4", does="lift")]
     events += [event("evidence", t, exposed=t, literals={"hold(g1)": shown}) for t in (0.0, 5.0, 10.0)]
     step = StepRecord("pickup", {"object": "g1"}, "pickup g1", 0.0, 18.15, attempts)

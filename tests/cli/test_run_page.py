@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import Array, transform
-from sqrp_cli.logic.truth import Truth
 from sqrp_cli.run.record.events import Event, ShownAtom, event
 from sqrp_cli.run.record.report import Confusion, FaultRecord, RunReport, StepRecord
 from sqrp_cli.show.pages.run_page import write_run
@@ -23,9 +22,9 @@ from tests.cli.test_report import HOSTILE, SPELLED_OUT
 pytestmark = pytest.mark.slow
 
 
-def evidence(t: float, value: Truth, **cameras: Truth) -> Event:
+def evidence(t: float, value: str, **cameras: str) -> Event:
     atom = ShownAtom(value=value, asked=True, cameras=cameras, true=t < 1.45)
-    other = ShownAtom(value=Truth.TRUE, asked=False, cameras={})
+    other = ShownAtom(value="true", asked=False, cameras={})
     return event("evidence", t + 0.05, exposed=t, literals={"hold(g1)": atom, "open": other})
 
 
@@ -34,9 +33,9 @@ def opened(browser, tmp_path_factory):
     """A run of 4 s: `hold(g1)` is true for 2 s, lost at 2 s, then unseen by all for 1 s."""
     path = tmp_path_factory.mktemp("run") / "page.html"
     events = [event("primitive", 0.0, name="a1"), event("primitive", 1.0, name="a2")]
-    events += [evidence(0.1 * i, Truth.TRUE, cam1=Truth.TRUE, cam2=Truth.TRUE) for i in range(21)]
-    events += [evidence(0.1 * i, Truth.FALSE, cam1=Truth.FALSE) for i in range(21, 31)]
-    events += [evidence(0.1 * i, Truth.UNKNOWN) for i in range(31, 41)]
+    events += [evidence(0.1 * i, "true", cam1="true", cam2="true") for i in range(21)]
+    events += [evidence(0.1 * i, "false", cam1="false") for i in range(21, 31)]
+    events += [evidence(0.1 * i, "blind") for i in range(31, 41)]
     fault = FaultRecord("slip", 2.0, 2.0, 2.15, 2.5, None, predicted_delay=0.25)
     step, came_true = StepRecord("pickup", {"object": "g1"}, "pickup g1", 0.0), {"cam1": Confusion(tp=30, fp=10)}
     report = RunReport("stopped", "hold(g1) should be seen", 4.0, [step], [fault], [{"hold(g1)": came_true}])
@@ -87,7 +86,7 @@ def test_the_page_says_in_words_and_timelines_how_the_run_went(opened):
 
 def test_a_log_with_hostile_names_has_a_page_on_which_nothing_runs(browser, tmp_path):
     path, atom = tmp_path / "page.html", f"hold({HOSTILE})"
-    shown = ShownAtom(value=Truth.TRUE, asked=True, cameras={HOSTILE: Truth.TRUE}, true=True)
+    shown = ShownAtom(value="true", asked=True, cameras={HOSTILE: "true"}, true=True)
     events = [event("primitive", 0.0, name=HOSTILE)]
     events += [event("evidence", t, exposed=t, literals={atom: shown}) for t in (0.1, 1.0, 2.0)]
     fault = FaultRecord(HOSTILE, 1.0, 1.0, 1.5, 1.6, None, predicted_delay=0.25)

@@ -14,7 +14,6 @@ from sqrp_cli.camera.light import Rgb, paint_of
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.files.frames import WORLD, WORLD_LINK
 from sqrp_cli.geometry import Array, inverse, matrix_to_rpy, pose, quaternion_to_matrix
-from sqrp_cli.logic.truth import Truth
 from sqrp_cli.robot.robot import Robot
 from sqrp_cli.ros.bag import BagWriter
 from sqrp_cli.ros.messages import Message, MessageTypes, pose_fields, transform_message
@@ -28,7 +27,7 @@ AS_PLANNED = "/as_planned"
 """The topic that says whether everything goes as the program says."""
 EPOCH = 1_000_000_000
 """What a clock of a recording says when the run's says 0 [s]: ROS takes a time of 0 for none."""
-_SHOWN = {Truth.TRUE: (0.2, 0.9, 0.2), Truth.FALSE: (0.3, 0.6, 1.0), Truth.UNKNOWN: (0.95, 0.2, 0.2)}
+_SHOWN = {"true": (0.2, 0.9, 0.2), "false": (0.3, 0.6, 1.0), "blind": (0.95, 0.2, 0.2)}
 _COLOR, _TF = "std_msgs/msg/ColorRGBA", "tf2_msgs/msg/TFMessage"
 _MARKERS = "visualization_msgs/msg/MarkerArray"
 _ALPHA = 0.35
@@ -74,7 +73,7 @@ class BagRecorder:
             case "state":
                 self._add_state(event)
             case "step":
-                color, alpha = _SHOWN[Truth.UNKNOWN], _ALPHA
+                color, alpha = _SHOWN["blind"], _ALPHA
                 self._boxes = {}
                 for atom, boxes in event.boxes.items():
                     for i, box in enumerate(boxes):
@@ -156,13 +155,13 @@ class BagRecorder:
         make, status = self._types.make, []
         for atom, shown in event.literals.items():
             values = {"asked": str(shown.asked), "predicted": str(shown.predicted)}
-            values |= {camera: value.word for camera, value in shown.cameras.items()}
+            values |= shown.cameras
             status.append(
                 make(
                     "diagnostic_msgs/msg/DiagnosticStatus",
-                    level=1 if shown.asked and shown.value is Truth.UNKNOWN else 0,  # a warning: it cannot be judged
+                    level=1 if shown.asked and shown.value == "blind" else 0,  # a warning: it cannot be judged
                     name=atom,
-                    message=shown.value.word,
+                    message=shown.value,
                     values=[make("diagnostic_msgs/msg/KeyValue", key=k, value=v) for k, v in values.items()],
                 )
             )

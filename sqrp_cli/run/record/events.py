@@ -18,37 +18,16 @@ from pydantic import (
     Field,
     FiniteFloat,
     GetJsonSchemaHandler,
-    PlainSerializer,
-    PlainValidator,
-    WithJsonSchema,
     create_model,
 )
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, PydanticKnownError
+from pydantic_core import CoreSchema
 
-from sqrp_cli.logic.truth import Truth
+from sqrp_cli.logic.truth import TruthWord
 from sqrp_cli.run.record.report import Outcome, RunReport
 
 VERSION: Literal[1] = 1
 """Of the log's fields."""
-_TRUTHS = {truth.word: truth for truth in (Truth.TRUE, Truth.FALSE, Truth.UNKNOWN)}
-
-
-def _truth(found: object) -> Truth:
-    if isinstance(found, Truth):
-        return found
-    if not isinstance(found, str) or found not in _TRUTHS:
-        raise PydanticKnownError("literal_error", {"expected": "'true', 'false' or 'blind'"})
-    return _TRUTHS[found]
-
-
-ShownTruth = Annotated[
-    Truth,
-    PlainValidator(_truth),
-    PlainSerializer(lambda truth: truth.word, return_type=str),
-    WithJsonSchema({"type": "string", "enum": list(_TRUTHS)}),
-]
-"""A truth value that images show: `true`, `false` or `blind` in the log."""
 Numbers3 = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
 Numbers4 = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
 Numbers7 = Annotated[list[FiniteFloat], Field(min_length=7, max_length=7)]
@@ -79,7 +58,7 @@ class AskedBox(BaseModel, strict=True, frozen=True, use_attribute_docstrings=Tru
 class ShownAtom(BaseModel, strict=True, frozen=True, use_attribute_docstrings=True):
     """What images of one time show of an atom."""
 
-    value: ShownTruth
+    value: TruthWord
     """The value from all cameras together."""
     true: bool | None = None
     """The value in the simulation when the images were taken."""
@@ -87,7 +66,7 @@ class ShownAtom(BaseModel, strict=True, frozen=True, use_attribute_docstrings=Tr
     """Whether the program predicts that enough cameras see it."""
     asked: bool
     """Whether a formula requires it at that time."""
-    cameras: dict[str, ShownTruth]
+    cameras: dict[str, TruthWord]
     """The value from each camera that can judge it."""
 
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.logic.truth import Truth
+from sqrp_cli.logic.truth import TruthWord
 from sqrp_cli.run.record.events import BETWEEN, AskedBox, Event
 from sqrp_cli.run.record.log import Track
 from sqrp_cli.run.record.report import RunReport
@@ -182,19 +182,19 @@ def _moments(report: RunReport, events: Sequence[Event]) -> list[Mapping[str, ob
 def _sample(cameras: Sequence[str], event: Event) -> Mapping[str, object]:
     """What the images of a time showed of the required literals; it counts until the next ones."""
 
-    def shown(value: Truth, blind: str) -> dict[str, object]:
+    def shown(value: TruthWord, blind: str) -> dict[str, object]:
         """What images show of an atom; blind: the kind where they show nothing. They do not say why."""
-        covered = value is not Truth.UNKNOWN
-        kind = f"shown_{value.word}" if covered else blind
+        covered = value != "blind"
+        kind = f"shown_{value}" if covered else blind
         return {"covered": covered, "kind": kind, "cause": None, "by": None}
 
     required = {name: found for name, found in event.literals.items() if found.asked}
-    known = all(found.value is not Truth.UNKNOWN for found in required.values())
+    known = all(found.value != "blind" for found in required.values())
     literals = {
         atom: {
             **shown(found.value, "unseen"),
             "boxes": [],  # images count for all boxes together
-            "cameras": {name: shown(found.cameras.get(name, Truth.UNKNOWN), "nothing") for name in cameras},
+            "cameras": {name: shown(found.cameras.get(name, "blind"), "nothing") for name in cameras},
             "really": found.true,
         }
         for atom, found in required.items()

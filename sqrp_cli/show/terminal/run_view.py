@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.document import how_many
 from sqrp_cli.errors import first_names
-from sqrp_cli.logic.truth import Truth
 from sqrp_cli.run.record.events import BETWEEN, Event, ShownAtom, listed
 from sqrp_cli.run.record.report import Confusion, Disagreement, Prediction, RunReport, SweepDocument
 from sqrp_cli.show.terminal.console import (
@@ -37,7 +36,7 @@ if TYPE_CHECKING:
 MOST_DISAGREEMENTS = 8  # groups of disagreements in a table
 LONG_AGO = 0.1  # a fault that came true later than that after it was asked for [s] has a sentence about it
 TAIL = 0.3  # a step whose last image that is compared is earlier than this before its end [s] is not seen to its end
-_STYLES = {Truth.TRUE: "green", Truth.FALSE: "cyan", Truth.UNKNOWN: "yellow"}
+_STYLES = {"true": "green", "false": "cyan", "blind": "yellow"}
 _REPLAY_SPEED = 4.0  # speed of a replay, as a multiple of real time
 
 
@@ -72,12 +71,12 @@ def live_view(
         width = max((len(says.get(atom, atom)) for atom in literals), default=0)
         parts: list[Any] = [(f"{now:7.2f} s  {doing}", "bold"), "\n"]
         for atom, found in literals.items():
-            value = found.value.word if found.asked else f"({found.value.word})"
+            value = found.value if found.asked else f"({found.value})"
             parts += [f"  {says.get(atom, atom):{width}}  ", (f"{value:8}", _STYLES[found.value])]
             for camera in cameras:
                 vote = found.cameras.get(camera)
                 parts.append((" " + "·" * len(camera), "dim") if vote is None else (f" {camera}", _STYLES[vote]))
-            blind = found.value is Truth.UNKNOWN and not found.predicted
+            blind = found.value == "blind" and not found.predicted
             parts.append("  not seen, as predicted\n" if blind else "\n")
         show(joined([*parts, (last, "yellow")]))
 

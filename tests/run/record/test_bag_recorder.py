@@ -12,7 +12,6 @@ import pytest
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.geometry import inverse, pose, quaternion_to_matrix
-from sqrp_cli.logic.truth import Truth
 from sqrp_cli.ros.bag import Bag, BagWriter
 from sqrp_cli.run.image import CameraImage
 from sqrp_cli.run.record.bag_recorder import BagRecorder
@@ -35,7 +34,7 @@ def recording(request: Any, tmp_path_factory: pytest.TempPathFactory, workspace:
     recorder = BagRecorder(BagWriter(path), workspace, body)
     joints = dict(workspace.robot.home)
     box = AskedBox(frame="world", size=[0.04, 0.04, 0.04], pose=np.eye(4).tolist())
-    shown = ShownAtom(value=Truth.UNKNOWN, asked=True, cameras={"cam1": Truth.FALSE})
+    shown = ShownAtom(value="blind", asked=True, cameras={"cam1": "false"})
     image = np.random.default_rng(0).integers(0, 255, (480, 640, 3), dtype=np.uint8)
     g1 = [0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 1.0]
     recorder(event("step", 0.0, skill="pickup", boxes={"hold(g1)": [box]}))

@@ -13,7 +13,6 @@ import pytest
 from pydantic import ValidationError
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.logic.truth import Truth
 from sqrp_cli.run.ground_truth import changes
 from sqrp_cli.run.record.events import KINDS, MODELS, VERSION, AskedBox, Event, ProgramStep, ShownAtom, event
 from sqrp_cli.run.record.images import read_frames
@@ -27,9 +26,9 @@ from tests.cells import refused
 IDENTITY = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 BOX = AskedBox(frame="tip", size=[0.1, 0.2, 0.3], pose=IDENTITY)
 ATOMS = {
-    "held": ShownAtom(value=Truth.UNKNOWN, true=True, predicted=False, asked=True,
-                      cameras={"cam1": Truth.TRUE, "cam2": Truth.FALSE}),
-    "open": ShownAtom(value=Truth.FALSE, true=None, predicted=True, asked=False, cameras={}),
+    "held": ShownAtom(value="blind", true=True, predicted=False, asked=True,
+                      cameras={"cam1": "true", "cam2": "false"}),
+    "open": ShownAtom(value="false", true=None, predicted=True, asked=False, cameras={}),
 }  # fmt: skip
 WHOLE = {"joints": ["a"], "q": [0.0], "held": None, "objects": {"g": [0.0] * 7, "table": [1.0] * 7}}
 REPORT = RunReport(
@@ -122,13 +121,6 @@ def test_what_is_no_event_cannot_be_published() -> None:
     with pytest.raises(ValidationError, match="Input should be 'true', 'false' or 'blind'"):
         ShownAtom.model_validate({"value": "perhaps", "asked": True, "cameras": {}})
     assert set(KINDS) >= {found.event for found in RUN}
-
-
-def test_a_truth_value_has_one_word() -> None:
-    for truth, word in ((Truth.TRUE, "true"), (Truth.FALSE, "false"), (Truth.UNKNOWN, "blind")):
-        atom = ShownAtom.model_validate({"value": word, "asked": True, "cameras": {"cam1": word}})
-        assert (atom.value, atom.cameras, truth.word) == (truth, {"cam1": truth}, word)
-        assert atom.model_dump(exclude_unset=True)["value"] == word
 
 
 def test_what_is_no_log_is_refused_with_how_one_is_made(tmp_path: Path) -> None:
