@@ -271,23 +271,18 @@ class FollowedTrajectory:
         span = np.maximum(self._times[following] - self._times[piece], 1e-9)[:, None]
         u = np.clip((t - self._times[piece])[:, None], 0.0, span)
         begin, end = (JointStates(*(values[i] for values in self._points)) for i in (piece, following))
-        (q0, v0, a0), (q1, v1, a1), x = begin, end, u / span
-        # The polynomial of the order that fits both ends.
-        c1, c2, c3, c4, c5 = v0 * span, *(np.zeros_like(q0) for _ in range(4))
-        if self._order == 1:
-            c1 = q1 - q0
-        elif self._order == 3:
-            c2, c3 = 3 * (q1 - q0) - span * (2 * v0 + v1), 2 * (q0 - q1) + span * (v0 + v1)
-        else:
-            c2 = 0.5 * a0 * span**2
-            c3 = 10 * (q1 - q0) - span * (6 * v0 + 4 * v1) - span**2 * (1.5 * a0 - 0.5 * a1)
-            c4 = -15 * (q1 - q0) + span * (8 * v0 + 7 * v1) + span**2 * (1.5 * a0 - a1)
-            c5 = 6 * (q1 - q0) - 3 * span * (v0 + v1) - 0.5 * span**2 * (a0 - a1)
-        found = (
-            q0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * c5)))),
-            (c1 + x * (2 * c2 + x * (3 * c3 + x * (4 * c4 + x * 5 * c5)))) / span,
-            (2 * c2 + x * (6 * c3 + x * (12 * c4 + x * 20 * c5))) / span**2,
-        )
+        # The polynomial of the order, in shares of the piece, that has what is known of both ends.
+        powers, known = np.arange(self._order + 1), range((self._order + 1) // 2)
+
+        def terms(x: Array, k: int) -> Array:
+            """The k-th derivatives of all powers of x (m,), shape (m, order + 1)."""
+            factors = np.prod([powers - i for i in range(k)], axis=0)
+            derived: Array = factors * x[:, None] ** np.maximum(powers - k, 0)
+            return derived
+
+        fits = np.linalg.inv(np.concatenate([terms(np.array([x]), k) for x in (0.0, 1.0) for k in known]))
+        coefficients = np.tensordot(fits, [one[k] * span**k for one in (begin, end) for k in known], 1)
+        found = [np.einsum("mp,pmn->mn", terms((u / span)[:, 0], k), coefficients) / span**k for k in range(3)]
         held = (piece == following)[:, None]
         still = np.zeros_like(end.positions)
         moved = [np.where(held, rest, one) for one, rest in zip(found, (end.positions, still, still), strict=True)]

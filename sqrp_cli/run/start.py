@@ -1,4 +1,4 @@
-"""What a run starts with: the first line of its log, a slip of a sweep, a program at a share of its speed."""
+"""What a run starts with: the first line of its log, and a program at a share of its speed."""
 
 from __future__ import annotations
 
@@ -14,11 +14,6 @@ from sqrp_cli.program.record import Program, Step
 from sqrp_cli.run.faults import InjectedFault
 from sqrp_cli.run.record.events import VERSION, Event, ProgramStep, event
 from sqrp_cli.trajectory import Trajectory
-
-
-def slip_at(x: float, step: int = 1) -> InjectedFault:
-    """A slip at time x [s] of a step; step: its number, from 1."""
-    return InjectedFault("slip", f"{'' if step == 1 else f'{step}:'}slip@{x:.3f}", x, step=step)
 
 
 def header(program: Program, workspace: Workspace, seed: int, faults: Sequence[InjectedFault]) -> Event:

@@ -6,27 +6,23 @@ import numpy as np
 
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.program.record import ProgramFormula, ProgramPrimitive, ProgramResponse, ProgramTarget, Step
+from sqrp_cli.run.monitor.nominal_step import NominalStep
 from sqrp_cli.skill.target_box import TargetBox
 from sqrp_cli.trajectory import Trajectory
 
 
-class FixedNominalStep:
+class FixedNominalStep(NominalStep):
     """An expectation with stated values: atoms that hold from a time on, and stretches in which they are covered."""
 
+    sought = None
+
     def __init__(self, step: Step, changes: dict[str, list[tuple[float, bool]]]) -> None:
-        self.step, self._changes, self.sought = step, changes, None
+        self.step, self._changes = step, changes
         self.times = np.arange(0.0, step.time + 0.02, 0.02).tolist()
 
     def holds(self, atom: str, start: float, end: float | None = None, *, value: bool = True) -> bool:
         times = [max(t, 0.0) for t in np.linspace(start, start if end is None else end, 51)]
         return all([is_so for since, is_so in self._changes[atom] if since <= t + 1e-9][-1] == value for t in times)
-
-    def covering(self, atom: str, t: float, margin: float = 0.0) -> list[str]:
-        seen = self.step.targets[atom].seen
-        return [name for name, spans in seen.items() if any(a <= t - margin and t + margin <= b for a, b in spans)]
-
-    def is_covered(self, atom: str, t: float, margin: float = 0.0) -> bool:
-        return len(self.covering(atom, t, margin)) >= self.step.targets[atom].cameras
 
 
 def box() -> TargetBox:

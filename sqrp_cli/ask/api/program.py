@@ -311,9 +311,8 @@ class OpenProgram:
         slip: as `sqrp run --sweep` takes it, such as `slip@lift`; option: what gives it, for messages. At Ctrl-C the
         result has the runs that are finished.
         """
-        from sqrp_cli.run.faults import parse_sweep
+        from sqrp_cli.run.faults import InjectedFault, parse_sweep
         from sqrp_cli.run.record.report import FaultRecord, SweepDocument, SweptRun
-        from sqrp_cli.run.start import slip_at
 
         values.text("a slip and where, such as `slip@lift`").read(slip, option)
         values.count(1).read(count, "count")
@@ -323,7 +322,7 @@ class OpenProgram:
         with suppress(KeyboardInterrupt), progress(f"Sweeping {slip}", count) as advance, self.simulated_cell() as cell:
             for index in range(count):  # in the middle of as many equal parts of the primitive
                 x = primitive.start + (index + 0.5) / count * (primitive.end - primitive.start)
-                report = self.simulate(cell, [slip_at(x, number)])
+                report = self.simulate(cell, [InjectedFault("slip", f"slip@{x:.3f}", x, step=number)])
                 advance(1)
                 # A run may see a fault that was not injected, or stop, before the step begins.
                 fault = next((one for one in report.faults if one.injected is not None), FaultRecord("slip"))
