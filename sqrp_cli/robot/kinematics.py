@@ -9,7 +9,6 @@ from itertools import combinations
 
 import numpy as np
 
-from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.geometry import Array, Mask, cross, read_only
 from sqrp_cli.kernel.kernel import joint_poses
 from sqrp_cli.records import dataclass
@@ -184,16 +183,10 @@ class RobotModel(JointLimits[Array]):
 
     @staticmethod
     def load(robot: Robot) -> RobotModel:
-        """Put robot and tool together.
-
-        Names are as `RobotReader` checks them. Raises InputError for a joint without limits, or a tool frame that no
-        joint moves.
-        """
+        """Put robot and tool together; names are as `RobotReader` checks them."""
         tree, moved = JointTree.of(robot), robot.fingers
         chain = tree.chain(robot.tool_frame)
         arm = [tree.index(joint.name) for joint in driving_joints([tree.joints[k] for k in chain], tree.joints)]
-        if not arm:
-            raise bad_input("no-arm", f"no joint moves the tool frame `{robot.tool_frame}`", Place(robot.urdf.path))
         names = () if moved is None else tuple(moved.open)
         named = [{joint.name, joint.mimic.joint if joint.mimic else joint.name} for joint in tree.joints]
         driving = {index for index, either in enumerate(named) if either & {*names}}
@@ -324,8 +317,5 @@ def positions_of(joints: Sequence[str], values: Mapping[str, float]) -> Array:
 
 def _limit_arrays(joints: Sequence[UrdfJoint], robot: Robot) -> dict[str, Array]:
     """Each of the limits of some joints."""
-    for joint in joints:
-        if joint.name not in robot.limits:
-            raise bad_input("missing-limit", f"no limits are given for joint `{joint.name}`", joint.place)
     limits = [robot.limits[joint.name] for joint in joints]
     return {part.name: read_only([getattr(one, part.name) for one in limits]) for part in fields(JointLimits)}

@@ -111,15 +111,6 @@ def test_a_lens_in_a_calibration_file_is_refused(file):
     assert with_camera(document, camera, camera, aim[0]) == document.content
 
 
-def test_a_pose_that_an_anchor_shares_is_refused(file):
-    pose = "{position: [-0.099, 0.711, 1.162], look_at: [-0.31, -0.027, 0.245]}"
-    other = "{position: [0.975, 0.356, 1.404], look_at: [0.127, 0.118, 0.589]}"
-    workspace, document = opened(file, pose, f"&same {pose}", other, "*same")
-    camera = workspace.cameras["cam1"]
-    with pytest.raises(InputError, match=r"would also change"):
-        with_camera(document, camera, replace(camera, X_FC=look_at((0, 0.7, 1), (0, 0, 0))), np.zeros(3))
-
-
 @pytest.mark.parametrize("style", ["block", "flow"])
 def test_a_further_camera_comes_last_and_has_the_lens_of_another(file, style):
     if style == "flow":

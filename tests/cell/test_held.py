@@ -50,12 +50,6 @@ def test_a_fact_that_a_grasp_makes_true_puts_the_object_into_the_tool_with_a_war
     assert world.X_TO[:3, 3] == pytest.approx([0, 0, 0.02])
 
 
-def test_without_such_a_fact_nothing_is_held(cell):
-    workspace = load_workspace(cell)
-    assert workspace.stated_world.held is None
-    assert not [warning for warning in workspace.warnings if warning.code == "held-by-the-facts"]
-
-
 @pytest.mark.parametrize("facts", ["  - moved(red)", "  - moved(red)\n  - moved(blue)"])
 def test_a_fact_of_a_skill_that_lets_go_again_says_nothing_about_the_tool(damaged, facts):
     released = "- {name: a5, joint_move: home}\n  - {name: a6, release: 1 s}"

@@ -136,12 +136,6 @@ def test_where_it_grasps_may_be_a_pose_in_the_urdf_of_a_tool_or_on_a_hand_of_the
     assert (np.linalg.inv(poses["wrist"]) @ poses[frame])[:3, 3] == pytest.approx([0.0, 0.0, 0.035])
 
 
-def test_a_tool_without_a_urdf_must_say_where_it_grasps(damaged):
-    replace = {"tool: {urdf: cup.urdf, link: wrist": "tool: {link: wrist"}
-    problem = refusal(damaged({"file": "workspace.yaml", "replace": replace}))
-    assert "a tool without `urdf` needs `frame`, where it grasps" in problem.message
-
-
 def test_robot_and_tool_with_links_and_joints_of_the_same_names_are_joined_by_a_prefix(cell):
     """The tool's links have the names of the robot's, and its finger moves by a joint of the name of one of it."""
     renamed = (cell / "cup.urdf").read_text().replace('"cup"', '"base"').replace('"cup_tip"', '"elbow"')
@@ -203,12 +197,6 @@ def test_a_skill_keeps_parameters_settings_and_responses(cell):
     slip = skill.requirements[-1]
     assert (slip.name, slip.stated.response) == ("slip", RetryEntry(retry=2, when="on_table"))
     assert str(slip.retry_when) == "on_table"
-
-
-def test_objects_may_be_named_with_words_that_yaml_1_1_takes_for_booleans(damaged):
-    edits = {"  lost: {": "  off: {", "  - hand_empty": "  - hand_empty\n  - on_table(off)"}
-    workspace = load_workspace(damaged({"file": "workspace.yaml", "replace": edits}))
-    assert Atom("on_table", ("off",)) in workspace.state
 
 
 @pytest.mark.parametrize(("asked", "entries", "meant"), [

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import re
 import struct
 import time
 from collections.abc import Iterator
@@ -12,9 +10,7 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.cell.mesh import read_mesh
-from sqrp_cli.errors import InputError
 from sqrp_cli.robot.read_urdf import read_urdf
-from tests.cell.mesh.mesh_bombs import dae
 from tests.cells import refusal, refused
 from tests.damage.bombs import TABLE, text_of
 
@@ -49,20 +45,6 @@ def test_a_yaml_file_cannot_unfold_without_end(bomb, cell):
     assert len(problem.message) < 300
 
 
-def test_an_xml_file_cannot_unfold_or_open_others(cell):
-    entities = '<!ENTITY a "aaaaaaaaaa">' + "".join(
-        f'<!ENTITY {chr(98 + i)} "{f"&{chr(97 + i)};" * 10}">' for i in range(10)
-    )
-    text = (cell / "arm.urdf").read_text(encoding="utf-8")
-    for declaration in (entities, '<!ENTITY a SYSTEM "file:///etc/passwd">', '<!ENTITY % a SYSTEM "file:///dev/zero">'):
-        (cell / "arm.urdf").write_text(text.replace("<robot", f"<!DOCTYPE r [{declaration}]><robot", 1))
-        assert refusal(cell).code == "xml-entity"
-    (cell / "arm.urdf").write_text(text.replace("</robot>", "<a>" * 1_000))
-    assert refusal(cell).code == "nesting-too-deep"
-    (cell / "arm.urdf").write_text(text.replace("</robot>", "<a/>" * 201_000 + "</robot>"))
-    assert refusal(cell).code == "too-many-elements"
-
-
 def binary_stl(path: Path, stated: int, present: int) -> Path:
     with path.open("wb") as file:
         file.write(bytes(80) + struct.pack("<I", stated))
@@ -74,26 +56,6 @@ def test_a_mesh_of_millions_of_triangles_is_refused_from_its_header(tmp_path):
     for count, code in ((10_000_000, "file-too-large"), (3_900_000, "mesh-too-large")):
         problem = refused(read_mesh, binary_stl(tmp_path / "big.stl", count, count))
         assert (problem.code, problem.mend) == (code, "simplify the mesh")
-
-
-def test_meshes_as_text_are_counted_without_loading_them(tmp_path):
-    (tmp_path / "big.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "f 1 2 3\n" * 600_000, encoding="ascii")
-    geometry, numbers = dae(), re.search(rb"<p>(.*)</p>", dae())
-    many = geometry.replace(numbers[1], (numbers[1] + b" ") * 65_536).replace(b'count="12"', b'count="786432"')
-    (tmp_path / "big.dae").write_bytes(many)
-    for name, count in (("big.obj", "600,000"), ("big.dae", "786,432")):
-        with pytest.raises(InputError, match=f"{count} triangles, the limit is 500,000"):
-            read_mesh(tmp_path / name)
-
-
-@pytest.mark.parametrize("file", ["workspace.yaml", "arm.urdf", "arm.srdf", "side.yaml", "cube.stl"])
-def test_a_pipe_in_place_of_a_file_is_not_waited_for(file, cell):
-    (cell / file).unlink()
-    os.mkfifo(cell / file)
-    assert "expected a file" in refusal(cell).message
-    (cell / file).unlink()
-    (cell / file).symlink_to(file)
-    assert "expected a file" in refusal(cell).message
 
 
 def in_a_row(count: int, joint: str) -> str:

@@ -46,15 +46,17 @@ def test_nothing_is_quoted_of_a_file_of_another_kind(file: str, secret: str, cel
 
 
 @pytest.mark.parametrize("file", FILES)
-@pytest.mark.parametrize("made_up", ["/proc/self/environ", "/proc/kmsg", "/proc/self/status"])
-def test_a_file_that_the_system_makes_up_is_refused_and_not_waited_for(file: str, made_up: str, cell: Path) -> None:
-    if not Path(made_up).exists():
+@pytest.mark.parametrize("there", ["/proc/self/environ", "/proc/kmsg", "/proc/self/status", "a pipe", "itself"])
+def test_a_file_that_the_system_makes_up_or_that_is_none_is_not_waited_for(file: str, there: str, cell: Path) -> None:
+    os.mkfifo(cell / "a pipe")
+    if not (cell / there).exists() and there != "itself":
         pytest.skip("this system makes up no such file")
     (cell / file).unlink()
-    (cell / file).symlink_to(made_up)
+    (cell / file).symlink_to((cell / file) if there == "itself" else (cell / there))
     with pytest.raises(InputError) as caught:
         load_workspace(cell)
-    assert {problem.code for problem in caught.value.problems} <= {"no-regular-file", "unreadable-file"}
+    codes = {"no-regular-file", "unreadable-file"} if there[0] == "/" else {"missing-file"}
+    assert {problem.code for problem in caught.value.problems} <= codes
     assert all(problem.excerpt is None for problem in caught.value.problems)
 
 

@@ -247,16 +247,6 @@ def test_joints_off_the_arm_rest_at_home(tmp_path):
     assert (values["finger"], values["other"]) == (0.5, -0.5)
 
 
-def test_an_arm_needs_a_joint_that_moves_its_tool_and_limits_of_each():
-    urdf, frame = REAL_ARMS["ur5"]
-    fitting = robot(ROBOTS / urdf, frame)
-    with pytest.raises(InputError, match="no joint moves the tool frame `base_link`"):
-        RobotModel.load(replace(fitting, tool_frame="base_link"))
-    limits = {name: limit for name, limit in fitting.limits.items() if name != "elbow_joint"}
-    with pytest.raises(InputError, match="no limits are given for joint `elbow_joint`"):
-        RobotModel.load(replace(fitting, limits=limits))
-
-
 def test_the_jacobian_of_an_arm_of_one_joint_has_one_column(tmp_path):
     turn, end = ("a", "base", "l1", "revolute", "0 0 0", "0 0 1"), ("b", "l1", "tip", "fixed", "2 0 0", "0 0 1")
     model = small_arm(tmp_path, "tip", turn, end)

@@ -80,10 +80,6 @@ def test_a_missing_mesh_is_reported_where_the_urdf_names_it(tmp_path):
     assert (problem.place.line, problem.mend, "hand.stl" in problem.message) == (9, "look elsewhere", True)
 
 
-def test_a_large_file_is_refused(tmp_path):
-    assert refused(read_urdf, written(tmp_path, ARM + " " * 10_000_000)).code == "file-too-large"
-
-
 def test_a_continuous_joint_has_no_limits_and_mimic_has_defaults(tmp_path):
     text = ARM.replace('type="revolute"', 'type="continuous"').replace("</robot>", (
         '<link name="finger"/><joint name="follow" type="prismatic"><parent link="hand"/><child link="finger"/>'

@@ -76,6 +76,8 @@ def dae_bombs() -> dict[str, Bomb]:
     chain = "".join(f'<node id="n{i}"><instance_node url="#n{i + 1}"/></node>' for i in range(1000))
     chain = f'<library_nodes>{chain}<node id="n1000">{geometry}</node></library_nodes>'
     laughs = "".join(f'<!ENTITY a{i} "{f"&a{i - 1};" * 10 if i else "lol"}">' for i in range(10))
+    triangles = re.findall(rb"<p>(.*)</p>", cube)[0]
+    many = cube.replace(triangles, (triangles + b" ") * 65_536)
     corner = b'<input semantic="VERTEX" source="#v" offset="0"/>'
     numbers = b"<p>" + b"0 " * 100_000 + b"</p>"
     huge = b'<polygons count="1">' + corner + numbers + b"</polygons>"
@@ -95,6 +97,7 @@ def dae_bombs() -> dict[str, Bomb]:
         "unknown geometry": (dae('<node><instance_geometry url="#h"/></node>'), "`#h`, which is not there"),
         "nothing placed": (dae("<node/>"), "no triangles"),
         "huge polygon": (_changed(cube, b"</mesh>", huge + b"</mesh>"), "100,000 corners"),
+        "many triangles": (many.replace(b'count="12"', b'count="786432"'), "786,432 triangles, the limit is 500,000"),
         "polylist of one": (_changed(cube, b"</mesh>", listed + b"</mesh>"), "100,000 corners"),
     }  # fmt: skip
 
@@ -106,6 +109,7 @@ def obj_bombs() -> dict[str, Bomb]:
         "face of 100,000 corners": (obj("f" + " 1" * 100_000), corners.format("0") + ", expected 3 to 1,000"),
         "a line without end": (obj("f 1 2" + " \\\n 3" * 100_000), corners.format("2")),
         "lines without end": (obj("\n" * 6_000_000), "more than 5,000,000 lines"),
+        "many faces": (obj("f 1 2 3\n" * 600_000), "600,012 triangles, the limit is 500,000"),
         "no face": (b"v 0 0 0\n", "no triangles"),
         "nothing": (b"", "no triangles"),
     }

@@ -133,14 +133,6 @@ def test_a_mesh_is_loaded_from_a_path_that_is_not_utf8(tmp_path):
         assert len(load_solid(Part("cube", "cube", Mesh(path), pose())).triangles) > 0
 
 
-def test_a_mesh_of_another_format_is_refused_by_its_name(cell):
-    write(cell / "cube.ply", b"ply\n")
-    edit(cell, "cube.stl", "cube.ply")
-    problem = refusal(cell)
-    assert problem.code == "unknown-mesh"
-    assert "`.ply`, expected .stl, .obj or .dae" in problem.message
-
-
 def test_triangles_without_area_are_said_to_have_none(tmp_path):
     flat = write(tmp_path / "flat.stl", re.sub(rb"vertex .*", b"vertex 0 0 0", text_stl()))
     with pytest.raises(InputError, match=r"no triangle of this mesh has an area; it is the mesh of `cube/0`"):
