@@ -26,7 +26,7 @@ LONG = 30
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_377),
     "files": ("files", 2_049),
-    "robot": ("robot", 3_108),
+    "robot": ("robot", 3_098),
     "camera": ("camera", 2_336),
     "cell": ("cell", 3_401),
     "logic": ("logic", 2_300),
@@ -37,11 +37,11 @@ ROOMS = {
     "study": ("study", 4_466),
     "search": ("search", 4_280),
     "checks": ("checks", 1_340),
-    "run": ("run", 7_015),
-    "field": ("field ros", 2_911),
+    "run": ("run", 7_010),
+    "field": ("field ros", 2_906),
     "score": ("score", 2_290),
     "show": ("show", 4_756),
-    "ask": ("ask cli __init__ __main__", 5_125),
+    "ask": ("ask cli __init__ __main__", 5_124),
     "studio": ("studio", 1_658),
     "starter, platform": ("starter platform", 2_331),
 }
