@@ -51,37 +51,6 @@ def view(generator: np.random.Generator) -> tuple[Array, Array, Array]:
     return look_at(eye, X_WB[:3, 3] + generator.normal(scale=0.05, size=3)), X_WB, size
 
 
-def between(generator: np.random.Generator, X_WC: Array, X_WB: Array, spread: float) -> Array:
-    """A point somewhere from behind the camera to behind the box."""
-    along = generator.uniform(-0.3, 1.3)
-    middle: Array = (1 - along) * X_WC[:3, 3] + along * X_WB[:3, 3]
-    return middle + generator.normal(scale=spread, size=3)
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_loose_triangles_block_what_single_rays_say(seed: int) -> None:
-    generator = np.random.default_rng(seed)
-    X_WC, X_WB, size = view(generator)
-    corners = [
-        between(generator, X_WC, X_WB, 0.1) + generator.normal(scale=0.15, size=(3, 3))
-        for _ in range(generator.integers(1, 12))
-    ]
-    solid = solid_of(np.concatenate(corners), np.arange(3 * len(corners)).reshape(-1, 3))
-    assert share([solid], X_WC, X_WB, size) == pytest.approx(traced([solid], X_WC, X_WB, size), abs=CLOSE)
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_closed_boxes_that_overlap_block_what_single_rays_say(seed: int) -> None:
-    generator = np.random.default_rng(100 + seed)
-    X_WC, X_WB, size = view(generator)
-    solids = []
-    for _ in range(generator.integers(1, 5)):
-        X_WO = pose(random_rotation(generator), between(generator, X_WC, X_WB, 0.06))
-        vertices = transform(X_WO, generator.uniform(0.02, 0.2, 3) * BOX_SIGNS)
-        solids.append(solid_of(vertices, BOX_TRIANGLES))
-    assert share(solids, X_WC, X_WB, size) == pytest.approx(traced(solids, X_WC, X_WB, size), abs=CLOSE)
-
-
 @pytest.mark.parametrize("inside_out", [False, True])
 @pytest.mark.parametrize("seed", range(4))
 def test_a_closed_box_around_the_camera_blocks_what_single_rays_say(seed: int, *, inside_out: bool) -> None:
