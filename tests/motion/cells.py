@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import coal
 import numpy as np
@@ -158,7 +158,10 @@ def even_steps(trajectory: Trajectory, step: float) -> Array:
 
 
 def assert_keeps_limits(model: RobotModel, motion: Motion, step: float = 1e-3) -> None:
-    """That position, velocity, acceleration and jerk of every joint of the arm stay within their limits at any time."""
+    """That position, velocity, acceleration and jerk of every joint of the arm stay within their limits at any time.
+
+    So its primitives begin where the one before ends, at rest, and have no jolt where a law or a path breaks.
+    """
     n = len(model.arm)
     for primitive in motion.primitives:
         trajectory = primitive.trajectory
@@ -168,6 +171,19 @@ def assert_keeps_limits(model: RobotModel, motion: Motion, step: float = 1e-3) -
             assert over.all(), (primitive.name, order)
         q = trajectory.positions(t)[:, :n]
         assert ((q >= model.lower - 2e-9) & (q <= model.upper + 2e-9)).all(), primitive.name
+        joints = [trajectory.law.time_at(s) for s in trajectory.path.breaks[1:-1]]
+        for instant in [*trajectory.law.breaks[1:-1], *joints]:
+            sides = np.array([instant - 1e-7, instant + 1e-7])
+            for order, limit in ((1, model.acceleration), (2, model.jerk)):
+                jump = np.abs(np.diff(trajectory.motion(sides, order)[order][:, :n], axis=0))
+                assert (jump <= 2.1e-7 * limit + 1e-9).all(), (primitive.name, instant)
+        for order, close in ((1, 1e-9), (2, 1e-7)):
+            edges = trajectory.motion([0.0, trajectory.duration], order)[order]
+            np.testing.assert_allclose(edges[:, :n], 0, atol=close)
+    for before, after in pairwise(motion.primitives):
+        assert before.end == after.start
+        ends = before.trajectory.positions([np.inf])[0], after.trajectory.positions([0.0])[0]
+        np.testing.assert_allclose(*ends, atol=1e-9)
 
 
 def phase_samples(trajectory: Trajectory, least: int, whole: int = 0) -> Array:
