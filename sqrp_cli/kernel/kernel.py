@@ -326,25 +326,20 @@ class Request:
         at, counts = self._places.ctypes.data, self._count.ctypes.data
         self._request = _record(_REQUEST, {"X_WF": at, "pose_count": counts, **scene.fields})
 
-    def cover(self, items: Items, needed: Indices, tiers: Sequence[Indices], loss: Loss | None = None) -> Mask:
+    def cover(self, items: Items, needed: Indices, loss: Loss | None = None) -> Mask:
         """Whether cameras see items, shape (c, n), as far as they are asked.
 
-        needed: how many cameras must see each item, shape (n,). tiers: cameras by index, those with the fastest
-        response first; of later ones no more are asked than needed. Items of the same boxes follow each other. loss:
-        after which none is asked.
+        needed: how many cameras must see each item, shape (n,); no more are asked. Items of the same boxes follow each
+        other. loss: after which none is asked.
         """
         steps, bars = Loss(np.empty((0, 2)), np.empty((0, 2))) if loss is None else loss
         if bars.shape != (len(bars), 2) or (len(bars) and steps.shape != (self._states, 2)):
             raise ValueError(f"a loss in {self._states} states has the shapes {steps.shape} and {bars.shape}")
         items = self._checked(items)
-        order = _whole(np.concatenate([np.empty(0, dtype=np.int64), *tiers]))
-        if len(order) and not (order.min() >= 0 and order.max() < self._scene.cameras):
-            raise ValueError(f"a camera of a tier is none of {self._scene.cameras}")
-        ends, needed = _whole(np.cumsum([len(tier) for tier in tiers])), _whole(needed)
         state, first, count = items
-        given = state, first, count, needed, len(tiers), ends, order
         sights = np.full((self._scene.cameras, len(state)), -1, dtype=np.int8)
-        self._call("cover", len(state), *given, len(bars), *map(_reals, (bars, steps)), sights)
+        bounds = len(bars), *map(_reals, (bars, steps))
+        self._call("cover", len(state), state, first, count, _whole(needed), *bounds, sights)
         sees: Mask = sights == 1
         return sees
 

@@ -21,12 +21,11 @@ constexpr int8_t UNKNOWN = -1, UNSEEN = 0, SEEN = 1;
 
 // Whether cameras see all boxes of the targets of questions, as far as it matters: sights (cameras, questions), UNKNOWN
 // before the call. A question: a target, of `count` boxes from `first` on, in a state, that `needed` cameras must
-// see. Cameras are asked in tiers, those with the fastest response first; tier_ends: where each ends in tier_cameras.
+// see.
 // Ends as soon as a target loses as much as one of the bars (bars, 2): `steps` (states, 2) up to states in which it is seen
 // as little as in the question before.
 void cover(const Request* request, int questions, const int64_t* state, const int64_t* first, const int64_t* count,
-           const int64_t* needed, int tier_count, const int64_t* tier_ends, const int64_t* tier_cameras, int bar_count,
-           const double* bars, const double* steps, int8_t* sights) {
+           const int64_t* needed, int bar_count, const double* bars, const double* steps, int8_t* sights) {
     Scene scene(*request);
     List<View> views;   // (cameras, boxes)
     List<LitBox> lit;
@@ -46,10 +45,9 @@ void cover(const Request* request, int questions, const int64_t* state, const in
             sight(c) = sees ? SEEN : UNSEEN, saw[c] = sees, seen += sees, left -= !sees;
         };
         auto is_open = [&] { return seen < needed[q] && left >= needed[q]; };
-        for (int t = 0, from = 0; t < tier_count && is_open(); from = int(tier_ends[t++]))
-            for (int pass = 0; pass < 2; pass++)  // those first that saw it last
-                for (int i = from; i < tier_ends[t] && is_open(); i++)
-                    if (int c = int(tier_cameras[i]); sight(c) == UNKNOWN && (pass || saw[c])) ask(c);
+        for (int pass = 0; pass < 2; pass++)  // those first that saw it last
+            for (int c = 0; c < request->camera_count && is_open(); c++)
+                if (sight(c) == UNKNOWN && (pass || saw[c])) ask(c);
         for (int k = 0; bar_count && was_unseen && seen < needed[q] && k < 2; k++) lost[k] += steps[2 * state[q] + k];
         was_unseen = seen < needed[q];
         for (int b = 0; b < bar_count; b++)

@@ -91,7 +91,7 @@ class Observer:
         of_each, state = np.array([len(target.boxes) for target in targets]), np.concatenate([np.arange(0), *rows])
         items = Items(state, np.repeat(np.cumsum(of_each) - of_each, counts), np.repeat(of_each, counts))
         request = self._scene.request(self.projections, [box for one in targets for box in one.boxes], states)
-        sees = request.cover(items, needed, [np.arange(len(self.cameras))], loss)
+        sees = request.cover(items, needed, loss)
         return np.split(sees.sum(axis=0) >= needed, np.cumsum(counts)[:-1]) if counts else []
 
     def occluders(
