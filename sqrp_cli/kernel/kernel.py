@@ -338,8 +338,8 @@ class Request:
         items = self._checked(items)
         state, first, count = items
         sights = np.full((self._scene.cameras, len(state)), -1, dtype=np.int8)
-        bounds = len(bars), *map(_reals, (bars, steps))
-        self._call("cover", len(state), state, first, count, _whole(needed), *bounds, sights)
+        bars, steps, needed = _reals(bars), _reals(steps), _whole(needed)
+        self._call("cover", len(state), state, first, count, needed, len(bars), bars, steps, sights)
         sees: Mask = sights == 1
         return sees
 
