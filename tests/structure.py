@@ -33,7 +33,7 @@ ROOMS = {
     "skill, program, recording": ("skill program recording", 2_607),
     "task": ("task", 1_021),
     "motion": ("motion", 2_958),
-    "sight": ("kernel sight", 1_297),
+    "sight": ("kernel sight", 1_292),
     "study": ("study", 4_466),
     "search": ("search", 4_280),
     "checks": ("checks", 1_340),
