@@ -11,7 +11,7 @@ from sqrp_cli.ask.api.program import late_replanner
 from sqrp_cli.logic.image_time import Onset, Window
 from sqrp_cli.motion.timing import MotionLimits, joint_move
 from sqrp_cli.program.record import Program, ProgramSight
-from sqrp_cli.run.start import slowed
+from sqrp_cli.run.slowed import slowed
 from tests.run.steps import formula, played, step
 
 LIMITS = MotionLimits(np.array([0.2]), np.array([1.0]), np.array([10.0]))

@@ -14,7 +14,6 @@ from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.program.file import load_program
 from sqrp_cli.run.faults import InjectedFault
 from sqrp_cli.run.record.report import Confusion, SweepDocument, SweptRun
-from sqrp_cli.run.start import slip_at
 from tests.conftest import TABLETOP
 
 PRECISION, AS_PREDICTED, STANDING = 0.97, 0.9, 0.5
@@ -101,7 +100,7 @@ def sweep(number: int, folder: Path) -> dict[str, Any]:
     program = programs[-1 if number >= SLIPS else 0]
     lift = next(one for one in load_program(program).steps[0].primitives if one.name == "a4")
     t = round(lift.start + (number % SLIPS + 0.5) / SLIPS * (lift.end - lift.start), 3)
-    return _ran(program, 0, [slip_at(t)], f"{program.stem} slips at {t} s") | {"x": t}
+    return _ran(program, 0, [InjectedFault("slip", f"slip@{t:.3f}", t)], f"{program.stem} slips at {t} s") | {"x": t}
 
 
 def sweep_asked(found: Sequence[dict[str, Any]]) -> Asked:

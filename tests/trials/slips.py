@@ -22,8 +22,8 @@ from sqrp_cli.logic.image_time import Onset, delays
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.program.file import new_program
 from sqrp_cli.program.record import Program, ProgramResponse
+from sqrp_cli.run.faults import InjectedFault
 from sqrp_cli.run.record.report import RunReport
-from sqrp_cli.run.start import slip_at
 from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.find import BestWay, WantedWay, find_way
 from sqrp_cli.study.program_update import make_step
@@ -59,7 +59,7 @@ def slips(number: int, folder: Path, n: int = 20) -> dict[str, Any] | None:
         for turn in range(n):
             way, program = ways[turn % len(ways)], programs[turn % len(ways)]
             x = float(rng.uniform(*way.onsets[FAULT][0].x[[0, -1]]))
-            compared += _compared(way, x, program.simulate(simulated, [slip_at(x)]))
+            compared += _compared(way, x, program.simulate(simulated, [InjectedFault("slip", f"slip@{x:.3f}", x)]))
     tool = "fingers" if number % 2 else "suction"
     return {"said": f"{tool}: {_tally(compared)[0]}", "tool": tool, "delays": compared}
 

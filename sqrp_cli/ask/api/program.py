@@ -256,7 +256,7 @@ class OpenProgram:
         from sqrp_cli.platform.files import check_writable
         from sqrp_cli.platform.simulator import check_simulator
         from sqrp_cli.program.file import made_for, save_program
-        from sqrp_cli.run.record.events import event
+        from sqrp_cli.run.record.events import event, run_began
         from sqrp_cli.run.record.log import written_log
 
         ask.check_outputs(self.files)
@@ -265,14 +265,14 @@ class OpenProgram:
         if elsewhere is None:
             check_simulator()
         from sqrp_cli.run.run import Recording
-        from sqrp_cli.run.start import header
 
         for path in filter(None, (ask.film, ask.log)):
             check_writable(path)
         events: list[Event] = []
         with ExitStack() as closing:  # closes the others even if one fails to close
             recorder, gallery = _recorders(workspace, ask, spectator, closing)
-            began, logged = header(self.program, workspace, self.cell.seed, injected), None
+            texts = [fault.text for fault in injected]
+            began, logged = run_began(self.program, workspace, self.cell.seed, texts), None
             if ask.log is not None:
                 logged = closing.enter_context(written_log(ask.log, began))
             heard: list[Listener] = [
@@ -295,7 +295,7 @@ class OpenProgram:
             began=began,
             drawn=workspace,
             events=events,
-            never_happened=list((Counter(fault.text for fault in injected) - happened).elements()),
+            never_happened=list((Counter(texts) - happened).elements()),
             inputs=self.files,
             asked=ask,
         )
@@ -438,7 +438,7 @@ def late_replanner(workspace: Workspace, speed: float = 1.0) -> Callable[[Step, 
 
     def replan(step: Step, world: World) -> Step | None:
         from sqrp_cli.motion.cell import Cell
-        from sqrp_cli.run.start import slowed
+        from sqrp_cli.run.slowed import slowed
         from sqrp_cli.study.program_update import replanned
 
         nonlocal cell

@@ -194,7 +194,7 @@ def _run_on_robot(
     from sqrp_cli.ros.dds import DdsTransport
     from sqrp_cli.run.cell.ros_cell import RosCell
     from sqrp_cli.run.run import Run
-    from sqrp_cli.run.start import slowed
+    from sqrp_cli.run.slowed import slowed
 
     file, program = read_robot_file(robot, opened.workspace, opened.program), opened.program
     joints = file.joints or {name: name for name in program.joints}  # by name in the program, those in messages

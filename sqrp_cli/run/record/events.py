@@ -23,7 +23,9 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
+from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.logic.truth import TruthWord
+from sqrp_cli.program.record import Program
 from sqrp_cli.run.record.report import Outcome, RunReport
 
 VERSION: Literal[1] = 1
@@ -280,6 +282,23 @@ def event(kind: str, t: float, **fields: Any) -> Event:  # noqa: ANN401 - as the
     if unknown := fields.keys() - model.model_fields.keys():
         raise TypeError(f"an event `{kind}` has no {', '.join(unknown)}")
     return model(t=t, event=kind, **fields) if kind in get_args(Outcome) else model(t=t, **fields)
+
+
+def run_began(program: Program, workspace: Workspace, seed: int, faults: Sequence[str]) -> Event:
+    """What a log begins with; faults: to inject, in the form of `--fault`."""
+    steps = [ProgramStep(skill=step.skill, parameters=dict(step.parameters), time=step.time) for step in program.steps]
+    return event(
+        "run",
+        0.0,
+        sqrp_log=VERSION,
+        workspace=workspace.name,
+        digest=workspace.digest,
+        seed=seed,
+        cameras=list(workspace.cameras),
+        rates={name: camera.rate for name, camera in workspace.cameras.items()},
+        faults=faults,
+        steps=steps,
+    )
 
 
 class EventPublisher:

@@ -1,37 +1,16 @@
-"""What a run starts with: the first line of its log, and a program at a share of its speed."""
+"""A program at a share of its speed."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.files.entries import Entry
 from sqrp_cli.logic.image_time import Onset, Window
-from sqrp_cli.program.record import Program, Step
-from sqrp_cli.run.faults import InjectedFault
-from sqrp_cli.run.record.events import VERSION, Event, ProgramStep, event
+from sqrp_cli.program.record import Step
 from sqrp_cli.trajectory import Trajectory
-
-
-def header(program: Program, workspace: Workspace, seed: int, faults: Sequence[InjectedFault]) -> Event:
-    """What a log begins with."""
-    steps = [ProgramStep(skill=step.skill, parameters=dict(step.parameters), time=step.time) for step in program.steps]
-    return event(
-        "run",
-        0.0,
-        sqrp_log=VERSION,
-        workspace=workspace.name,
-        digest=workspace.digest,
-        seed=seed,
-        cameras=list(workspace.cameras),
-        rates={name: camera.rate for name, camera in workspace.cameras.items()},
-        faults=[fault.text for fault in faults],
-        steps=steps,
-    )
-
 
 _INTERVAL = re.compile(r"(?<=\[)[^\[\]]*(?=\])")
 """The bounds of an interval in the text of a formula."""
