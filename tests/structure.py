@@ -37,7 +37,7 @@ ROOMS = {
     "study": ("study", 4_466),
     "search": ("search", 4_280),
     "checks": ("checks", 1_340),
-    "run": ("run", 7_010),
+    "run": ("run", 7_008),
     "field": ("field ros", 2_906),
     "score": ("score", 2_290),
     "show": ("show", 4_756),
