@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
-from pydantic_core import PydanticCustomError
 
 from sqrp_cli.camera.camera import Frequency
 from sqrp_cli.camera.detector import Detector
@@ -86,8 +85,7 @@ class GripperEntry(Entry):
 
     @model_validator(mode="after")
     def _one_threshold(self) -> GripperEntry:
-        if (self.closed_below is None) == (self.closed_above is None):
-            raise PydanticCustomError("ambiguous-entry", "expected exactly one of `closed_below`, `closed_above`")
+        self.check_only_one("closed_below", "closed_above")
         return self
 
 

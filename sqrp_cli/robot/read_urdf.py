@@ -7,7 +7,6 @@ The format: http://wiki.ros.org/urdf/XML. Transmissions, sensors, materials and 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from graphlib import CycleError, TopologicalSorter
@@ -18,7 +17,7 @@ import numpy as np
 
 from sqrp_cli.errors import Problem, bad_input, expected_names, first_names
 from sqrp_cli.files.frames import WORLD, WORLD_LINK
-from sqrp_cli.files.units import LARGEST_LENGTH, NO_LIMIT, SMALLEST_LIMIT, SMALLEST_SIZE
+from sqrp_cli.files.units import LARGEST_LENGTH, NO_LIMIT, SMALLEST_LIMIT, SMALLEST_SIZE, as_number
 from sqrp_cli.files.xml_file import Element
 from sqrp_cli.geometry import Array, displacement, pose, read_only, rpy_to_matrix
 from sqrp_cli.robot import urdf
@@ -144,7 +143,7 @@ def _is_empty(piece: Element) -> bool:
     """Whether a <collision> or <visual> is nothing: a box, sphere, cylinder or capsule with a size of 0."""
     shapes = [shape for holder in piece.all("geometry") for shape in holder.children if shape.tag in _SIZES]
     sizes = [size for shape in shapes for key in _SIZES[shape.tag] for size in shape.attributes.get(key, "").split()]
-    return any(re.fullmatch(r"[+-]?(0+\.?0*|\.0+)(e[+-]?\d+)?", size, re.IGNORECASE) for size in sizes)
+    return any(as_number(size) == 0.0 for size in sizes)
 
 
 def _joint(element: Element) -> urdf.UrdfJoint:
