@@ -26,11 +26,9 @@ from tests.task.robots import (
     mounted,
     real_arm,
     robot,
-    small_arm,
     written_urdf,
 )
 
-X_WB = pose(rpy_to_matrix([0.3, -0.5, 1.2]), [1.0, -2.0, 0.5])
 X_LT = pose(rpy_to_matrix([0.1, 0.2, 0.3]), [0.01, 0.02, 0.03])
 
 PLACE = Place(Path("random.urdf"))
@@ -174,17 +172,6 @@ def test_the_jacobian_is_the_derivative_of_the_tool_pose(name):
         np.testing.assert_allclose(jacobian(model, q), finite_differences(model, q), atol=1e-8)
 
 
-def test_moving_the_base_moves_every_link_rigidly():
-    urdf, frame = REAL_ARMS["ur5"]
-    still, moved = real_arm("ur5"), RobotModel.load(robot(ROBOTS / urdf, frame, X_WB=X_WB))
-    q = np.random.default_rng(4).uniform(-2.0, 2.0, (4, 6))
-    for link, X_WL in moved.link_poses(q).items():
-        np.testing.assert_allclose(X_WL, X_WB @ still.link_poses(q)[link], atol=1e-12)
-    np.testing.assert_allclose(moved.tool_pose(q[0]), X_WB @ still.tool_pose(q[0]), atol=1e-12)
-    R = X_WB[:3, :3]
-    np.testing.assert_allclose(jacobian(moved, q[0])[:3], R @ jacobian(still, q[0])[:3], atol=1e-12)
-
-
 def test_a_tool_moves_with_the_link_that_carries_it():
     urdf, frame = REAL_ARMS["ur5"]
     tooled = RobotModel.load(robot(ROBOTS / urdf, "suction_tip", mounted(SUCTION_CUP, frame, X_LT)))
@@ -245,9 +232,3 @@ def test_joints_off_the_arm_rest_at_home(tmp_path):
     np.testing.assert_array_equal(model.home, [0.0, 0.1])
     values = model.joint_values(model.home)
     assert (values["finger"], values["other"]) == (0.5, -0.5)
-
-
-def test_the_jacobian_of_an_arm_of_one_joint_has_one_column(tmp_path):
-    turn, end = ("a", "base", "l1", "revolute", "0 0 0", "0 0 1"), ("b", "l1", "tip", "fixed", "2 0 0", "0 0 1")
-    model = small_arm(tmp_path, "tip", turn, end)
-    np.testing.assert_allclose(jacobian(model, np.zeros(1)), [[0], [2], [0], [0], [0], [1]], atol=1e-12)

@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.mesh import mesh_unit, read_mesh
 from sqrp_cli.checks.cell_warnings import doubtful_meshes
 from sqrp_cli.errors import InputError, Place
@@ -27,7 +26,6 @@ from sqrp_cli.files.packages import package_roots
 from sqrp_cli.geometry import Array, pose, read_only
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.run.cell.mujoco_model import build_model, mujoco
 from sqrp_cli.run.robot_body import Surface
 from sqrp_cli.shapes import Mesh, Part, Triangles
@@ -207,22 +205,6 @@ def test_physics_and_pages_show_a_mesh_in_inches_as_large_as_it_is(tabletop, tmp
         vertices = model.mesh_vert[first : first + model.mesh_vertnum[model.geom_dataid[geom]]]
         placed = vertices @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
         np.testing.assert_allclose(spans(placed), spans(CORNERS), atol=1e-6)
-
-
-def test_the_unit_of_a_mesh_that_a_workspace_names_counts(cell):
-    tetrahedron(cell / "it.dae", '<unit meter="0.01"/>', 0.01)
-    edit(cell, "marker: 7}", "marker: 7, parts: [{mesh: it.dae, scale: [1, 2, 1]}]}")
-    (part,) = load_workspace(cell).objects["red"].parts
-    np.testing.assert_allclose(spans(load_solid(part).vertices), [[0, 0, 0], [0.03, 0.12, 0.12]], atol=1e-6)
-
-
-def test_the_unit_counts_for_links_as_for_objects(tmp_path):
-    tetrahedron(tmp_path / "hand.dae", '<unit meter="0.001"/><up_axis>Y_UP</up_axis>', 0.001)
-    urdf = tmp_path / "hand.urdf"
-    geometry = '<geometry><mesh filename="hand.dae" scale="1 1 2"/></geometry>'
-    urdf.write_text(f'<robot name="r"><link name="hand"><collision>{geometry}</collision></link></robot>')
-    (part,) = read_urdf(urdf).parts("collision", lambda reference, of: of.parent / reference)
-    np.testing.assert_allclose(spans(load_solid(part).vertices), [[0, 0, 0], [0.03, 0.06, 0.24]], atol=1e-6)
 
 
 @pytest.mark.parametrize("unit", ["0", "-1", "nan", "inf", "one", "1e9", ""])
