@@ -26,9 +26,9 @@ LONG = 30
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_377),
     "files": ("files", 2_049),
-    "robot": ("robot", 3_098),
+    "robot": ("robot", 3_097),
     "camera": ("camera", 2_336),
-    "cell": ("cell", 3_401),
+    "cell": ("cell", 3_399),
     "logic": ("logic", 2_300),
     "skill, program, recording": ("skill program recording", 2_607),
     "task": ("task", 1_021),
