@@ -186,9 +186,7 @@ def stale(program: Program, path: Path, workspace: Workspace) -> Problem | None:
 
     None if it holds.
     """
-    in_file = [subject.removeprefix("skill ") for subject in program.made_for if subject.startswith("skill ")]
-    now = with_skills(workspace.canonical_values, in_file)
-    if program.digest == digest_of_values(now):
+    if program.digest == digest_of_values(with_skills(workspace.canonical_values, program.skills)):
         return None
     if program.digest != digest_of_values(program.made_for):
         message = "what this program keeps of its workspace was edited, so nobody knows whether it still holds"
