@@ -164,11 +164,8 @@ def colors(workspace: Workspace) -> Iterator[Problem]:
     alike, unseen = dict[str, list[str]](), without_hue(workspace)
     for item in _sought_by_color(workspace):
         support = workspace.objects.get(item.on or "")
-        if (
-            item.name not in unseen.get(item.color, ())
-            and support is not None
-            and look_alike(item.color, support.color)
-        ):
+        sought = item.name not in unseen.get(item.color, ())
+        if sought and support is not None and look_alike(item.color, support.color):
             alike.setdefault(support.name, []).append(item.name)
     for color, parts in unseen.items():
         who, place = f"detectors of colours look for {first_names(parts)}", f"objects.{parts[0]}"

@@ -37,11 +37,12 @@ from sqrp_cli.search.placing_result import (
     UnseenTarget,
     proof_in_words,
 )
-from sqrp_cli.search.sites import Installation, blocked, hidden_by, judged_way, touching_pairs, verdicts_of
+from sqrp_cli.search.sites import Installation, JudgedWay, blocked, hidden_by, judged_way, touching_pairs, verdicts_of
 from sqrp_cli.search.visibility_table import PlaceQuestion, VisibilityTable
 from sqrp_cli.study.analysis import Analysis, with_delays, without_delays
 from sqrp_cli.study.find import BestWay, TimeLimit, WantedWay, find_way, with_branch
 from sqrp_cli.study.ranking import compared_quality
+from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.timeline import Timeline
 
 MOST_SOLVED, MOST_SOLVED_ASIDE = 200, 12  # programs at most: for the question, and to say what fewer cameras would do
@@ -234,13 +235,9 @@ class CameraPlacer:
         table, problem, selection = self.table, result.problem, result.selection
         requirements, stay = self.question.requirements, [table.camera_at(option) for option in table.kept]
         if selection is None:
-            firsts = [of_one[0] for of_one in table.candidates]
-            cell = table.cell_with(stay)
-            analysed = self._analysed(cell, table.watched(stay, firsts))
-            blank = []
-            for way, one in zip((table.ways[number] for number in firsts), analysed, strict=True):
-                about = {"task": way.task, "candidate": way.candidate.name, "found": one.result}
-                blank.append(from_fields(PlacedCandidate, about["found"], **about, ranked=None))
+            firsts, cell = [of_one[0] for of_one in table.candidates], table.cell_with(stay)
+            analysed = zip(firsts, self._analysed(cell, table.watched(stay, firsts)), strict=True)
+            blank = [_placed_candidate(table.ways[number], one.result) for number, one in analysed]
             return self._document(result, cell, candidates=blank)
         cameras = self._cameras(result, selection)
         everyone, spare = [*(placed.camera for placed in cameras), *stay], requirements.failure_tolerance
@@ -403,10 +400,13 @@ class CameraPlacer:
             figures = replace(analysis.result, candidate=way.candidate, best_way=named)
             pairs = [] if ranked is None else [(getattr(ranked, q), getattr(figures, q)) for q in _COMPARED]
             others = any((a is None) != (b is None) or abs((a or 0.0) - (b or 0.0)) > 1e-6 for a, b in pairs)
-            about = {"task": way.task, "candidate": way.candidate.name, "found": figures}
-            about["ranked"] = from_fields(AdvisedFigures, ranked) if others and ranked is not None else None
-            placed.append(from_fields(PlacedCandidate, figures, **about))
+            placed.append(_placed_candidate(way, figures, ranked if others else None))
         return tuple(placed)
+
+
+def _placed_candidate(way: JudgedWay, found: CandidateResult, ranked: CandidateResult | None = None) -> PlacedCandidate:
+    of, others = way.candidate.name, None if ranked is None else from_fields(AdvisedFigures, ranked)
+    return from_fields(PlacedCandidate, found, task=way.task, candidate=of, found=found, ranked=others)
 
 
 def refined(table: VisibilityTable, places: Sequence[Installation], numbers: Sequence[int]) -> tuple[Installation, ...]:

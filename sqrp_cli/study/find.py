@@ -290,10 +290,7 @@ class Plans:
             stated = ((one, motion) for one, motion in branches.feasible if {**one, **grip.branch} == one)
             ways = ((replace(grip, branch=one), motion) for one, motion in stated)
             motions += [planned_motion(cell, way, world, motion) for way, motion in ways]
-        none = (
-            no_such_branch(candidate.branch)
-            if candidate.branch
-            else min(map(Infeasible, reasons), key=_mended_by_a_turn)
-        )
+        why_none = min(map(Infeasible, reasons), key=_mended_by_a_turn)
+        none = no_such_branch(candidate.branch) if candidate.branch else why_none
         self._known[key] = candidate, (tried, motions or none)
         return self._known[key][1]

@@ -37,10 +37,8 @@ def hidden_views(cell: Cell, analysis: Analysis, rows: Indices | None = None) ->
             camera, row = np.nonzero(((verdicts.cause == Cause.HIDDEN) & asked_for[:, column, None]).T)
             views.append(np.stack([np.full(len(row), column), np.full(len(row), number), row, camera]))
     states, every = analysis.planned.stage.states(analysis.timeline.samples), np.concatenate(views, axis=1)
-    sought, first = (
-        [box for target in targets for box in target.boxes],
-        np.cumsum([0, *(len(t.boxes) for t in targets)]),
-    )
+    sought = [box for target in targets for box in target.boxes]
+    first = np.cumsum([0, *(len(target.boxes) for target in targets)])
     found: dict[tuple[int, int, int, int], tuple[HidingPart, ...]] = {}
     for start in range(0, every.shape[1], _VIEWS):
         column, number, row, camera = some = every[:, start : start + _VIEWS]
@@ -75,11 +73,10 @@ def in_the_way(cell: Cell, analysis: Analysis, views: HiddenViews) -> tuple[Hidd
 
 
 def to_move(cell: Cell, analysis: Analysis, views: HiddenViews) -> tuple[HidingPart, ...]:
-    """The objects in the way, the one first without which most would be seen; none that the task handles.
+    """The objects in the way, the one first without which most would be seen.
 
-    Nor a fixed one that others stand on.
-
-    Shares are of all that is hidden, from any camera, while too few see the target. views: all hidden ones.
+    None that the task handles, nor a fixed one that others stand on. Shares are of all that is hidden, from any camera,
+    while too few see the target. views: all hidden ones.
     """
     weights, uncovered = sample_weights(analysis), analysis.timeline.observation.uncovered
     missed = [(float(weights[row]), parts) for (column, _, row, _), parts in views.items() if uncovered[row, column]]

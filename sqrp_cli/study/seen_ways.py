@@ -127,8 +127,7 @@ def seen_ways(
     arguments. It is empty if no path is better than the direct ones.
 
     For each joint move that leaves its path open, `BLIND_WEIGHT` times the blind time plus the duration is minimised
-    over joint positions that it bends around. All ways are looked at; the most promising ones are searched together,
-    and those that fall behind drop out.
+    over joint positions that it bends around.
     """
     runners = _runners(cell, motions, longest, interest_first)
     if not runners:

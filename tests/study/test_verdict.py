@@ -17,7 +17,15 @@ from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.study.analysis import Analysis, analyse, analysed
 from sqrp_cli.study.blind_spans import cause_totals, sample_weights
 from sqrp_cli.study.sampling import Adaptive
-from sqrp_cli.study.verdict import BlindSpot, CameraCause, CameraChange, explain_blind_spot, stretches, with_verdict
+from sqrp_cli.study.verdict import (
+    BlindSpot,
+    CameraCause,
+    CameraChange,
+    explain_blind_spot,
+    longest_blind_spot,
+    stretches,
+    with_verdict,
+)
 from sqrp_cli.task.task import read_task
 
 CANDIDATES = ("g1", "g2", "g3", "g4", "g5")
@@ -145,14 +153,6 @@ def test_a_camera_is_to_be_turned_only_where_that_was_tried() -> None:
         assert blind.remedy == remedy
 
 
-def longest_blind(found: Analysis) -> np.ndarray | None:
-    """The samples of the longest stretch that is not covered, in the events of interest if there is any."""
-    blind, t = found.timeline.observation.blind, found.timeline.samples.t
-    interesting = blind & found.timeline.of_interest
-    rows = list(stretches(interesting if interesting.any() else blind))
-    return max(rows, key=lambda rows: t[rows[-1]] - t[rows[0]], default=None)
-
-
 RANGES = [(0.2, 4.0), (0.5, 4.0), (0.8, 4.0), (1.2, 4.0), (0.2, 0.7), (0.2, 0.9), (0.2, 1.15)]
 
 
@@ -166,9 +166,8 @@ def test_what_would_help_does_help_in_the_changed_cell_and_all_else_is_said_to_b
         alone = replace(cell.workspace.cameras[camera], near=near, far=far)
         before = cell.with_cameras_of(replace(cell.workspace, cameras={camera: alone}))
         found = analysed(before, analyses[name].planned, Adaptive(), full=False)
-        if (rows := longest_blind(found)) is None:
+        if (stretch := longest_blind_spot(before, found.timeline)) is None:
             continue
-        stretch = explain_blind_spot(before, found.timeline, rows)
         sentence = with_verdict(before, found.timeline, found.result).verdict
         change = stretch.causes[0].change if stretch.causes else None
         assert (f"; {stretch.remedy}." in sentence and "would help" in sentence) == (change is not None)
@@ -201,9 +200,10 @@ def test_the_camera_to_turn_closes_the_gap_and_none_does_with_less(
 ) -> None:
     found = analyses[name]
     timeline, cameras = found.timeline, np.array(list(cell.workspace.cameras))
-    rows = longest_blind(found)
-    assert rows is not None
-    stretch = explain_blind_spot(cell, found.timeline, rows)
+    stretch = longest_blind_spot(cell, timeline)
+    assert stretch is not None
+    t = timeline.samples.t
+    rows = np.flatnonzero((stretch.start <= t) & (t <= stretch.end) & timeline.observation.blind)
     column = [target.atom for target in found.planned.targets].index(stretch.atom)
     states = found.planned.stage.states(timeline.samples)
 
