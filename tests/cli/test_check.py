@@ -1,15 +1,18 @@
-"""What `sqrp check` says of a workspace without being asked about a task."""
+"""What `sqrp check` says of a workspace, of plans, and of a part that is out of reach."""
 
 from __future__ import annotations
 
+import math
+import re
 import shutil
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from sqrp_cli.program.file import load_program
-from tests.cells import edit
+from tests.cells import edit, write_cell
 from tests.cli.conftest import ROOT, Outcome
 
 SHIPPED = sorted(path.parent for path in (ROOT / "workspaces").glob("*/workspace.yaml"))
@@ -68,3 +71,26 @@ def test_a_planner_without_the_library_names_the_command_that_installs_it(sqrp, 
     outcome = sqrp("check", laying, "pickup g3", "--after", holding, "--planner", "fast-downward")
     assert (outcome.code, outcome.out) == (2, "")
     assert "pip install unified-planning" in outcome.err
+
+
+def missing_reach(candidate: dict[str, Any]) -> float | None:
+    """By how much [m] a candidate is said to be too far, None where it is not for that."""
+    figure = re.search(r"(\d+(?:\.\d+)?) m\b", candidate["reasons"][0] if candidate["reasons"] else "")
+    return float(figure[1]) if figure and "out of reach" in candidate["reasons"][0] else None
+
+
+def test_the_reason_of_g6_says_by_how_much_it_is_out_of_reach_and_moving_it_by_less_does_not_help(
+    ranked, sqrp, tabletop_cell, tmp_path
+):
+    # The reason of g6 says by how much it is out of reach.
+    figure = missing_reach(ranked.document["candidates"][-1])
+    assert figure is not None
+    assert figure > 0.0
+    # Moving an object by less than it is too far does not help.
+    x, y, z = tabletop_cell["objects"]["g6"]["pose"]["position"]
+    away = math.hypot(x, y)
+    closer = 0.9 * (figure - 0.005)  # the figure is rounded
+    tabletop_cell["objects"]["g6"]["pose"]["position"] = [x - closer * x / away, y - closer * y / away, z]
+    write_cell(tabletop_cell, tmp_path)
+    (g6,) = sqrp("check", tmp_path, "pickup g6", "--json").document["candidates"]
+    assert 0.0 <= missing_reach(g6) < figure
