@@ -209,7 +209,7 @@ def test_columns_of_a_sweep_say_whose_values_they_are(paths, titles):
 
 @pytest.mark.parametrize("command", ["score", "diff"])
 def test_where_no_candidate_can_be_computed_nothing_is_printed(sqrp, watch, own_watch, monkeypatch, command):
-    monkeypatch.setattr("sqrp_cli.study.analysis.MAX_SAMPLES", 1)
+    monkeypatch.setattr("sqrp_cli.study.timeline.MAX_SAMPLES", 1)
     edit(own_watch, "far: 4 m", "far: 3.9 m")
     outcome = sqrp(command, watch, own_watch, "--samples", 10)
     assert (outcome.code, outcome.out) == (2, "")
