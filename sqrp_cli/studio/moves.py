@@ -62,10 +62,11 @@ def moved(workspace: Workspace, move: Move) -> Workspace:
     """The workspace with something elsewhere. Raises InputError where it cannot be, as for a look at the own lens."""
     if max(map(abs, move.position)) > FARTHEST:
         raise bad_option(f"{move.in_words()}, expected at most {FARTHEST:g} m from the origin")
+    known = {"camera": workspace.cameras, "object": workspace.objects, "base": {"": None}}[move.kind]
+    if move.name not in known:
+        message = f"there is no {move.kind} `{move.name}`; {expected_names(move.name, known)}"
+        raise bad_input(f"unknown-{move.kind}", message)
     if move.kind == "camera":
-        if move.name not in workspace.cameras:
-            message = f"there is no camera `{move.name}`; {expected_names(move.name, workspace.cameras)}"
-            raise bad_input("unknown-camera", message)
         camera = workspace.cameras[move.name]
         point, up = aim(workspace, camera)
         try:
@@ -82,9 +83,6 @@ def moved(workspace: Workspace, move: Move) -> Workspace:
         camera = replace(camera, X_FC=X_FC, matrix=matrix)
         return replace(workspace, cameras={**workspace.cameras, camera.name: camera})
     # An object or the base is moved, and turned about the world's z axis.
-    if move.kind == "object" and move.name not in workspace.objects:
-        message = f"there is no object `{move.name}`; {expected_names(move.name, workspace.objects)}"
-        raise bad_input("unknown-object", message)
     X = workspace.robot.X_WB if move.kind == "base" else workspace.objects[move.name].X_WO
     if X is None:
         raise bad_option(f"it is not known where `{move.name}` is")

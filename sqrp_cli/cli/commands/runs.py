@@ -324,12 +324,11 @@ def _served_as(joints: Sequence[str], cell: OpenCell, network: str | None, domai
         if not named.isdigit() or int(named) > 232:
             raise bad_option(f"ROS_DOMAIN_ID is `{named}`, expected 0 to 232")
         domain = int(named)
-    for free in range(100):
-        if domain is not None:
-            break
+    for free in range(100 if domain is None else 0):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, suppress(OSError):
             probe.bind((LOOPBACK, 7400 + 250 * free + 10))
             domain = free
+            break
     return served_file(cell.workspace, joints, domain or 0, network or LOOPBACK)
 
 

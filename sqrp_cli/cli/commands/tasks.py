@@ -19,6 +19,7 @@ from sqrp_cli.cli.options import (
     answer,
     check_excluded,
     check_needed,
+    check_outputs,
     open_to_write,
     open_with_warnings,
     page_is_written,
@@ -114,22 +115,18 @@ def _rank(
     from sqrp_cli.ask.api.session import Session, assess, check_choice
     from sqrp_cli.checks.cell_warnings import cell_warnings, scenes_of, swept_cameras
     from sqrp_cli.checks.formulas import intervals_outside
-    from sqrp_cli.platform.files import check_distinct, check_writable
     from sqrp_cli.search.suggestion import with_first_steps
     from sqrp_cli.show.terminal.console import note, print_problems, say_command
 
     if watch:
         return watched({"--json": json, "--program": program})
     workspace, after = start_of(workspace, ask.after)
-    check_distinct({"--program": program, "--report": report, "--parquet": parquet})
+    check_outputs({"--program": program, "--report": report, "--parquet": parquet})
     if parquet is not None:
         from sqrp_cli.show.documents.frames import check_parquet, write_frames
 
         check_parquet()
-        check_writable(parquet)
-    if program is not None:
-        check_writable(program)
-    opened = open_to_write(workspace, seed, [program, after], {"--report": report})
+    opened = open_to_write(workspace, seed, [program, after], {"--report": report, "--parquet": parquet})
     session = Session.begin(opened.cell, ask.but(after=after), program)
     # The table has a sentence about the last one alone; documents, pages, programs and `--watch` about others, too.
     if not json and report is None and program is None and last_shown.get() is None:

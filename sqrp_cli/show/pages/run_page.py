@@ -44,7 +44,6 @@ def write_run(
     names, track = ", ".join(report.labels), Track.of(events)
     why_flat = why_flat if track is not None else "this log does not say where everything was"
     scenes = [] if workspace is None or track is None else [cell_scene(Cell.load(workspace))]
-    watched = any(event.event == "evidence" for event in events)
     figures, noted = list[FigureShown](), []
     for fault in report.faults:
         if fault.delay is not None:
@@ -56,11 +55,9 @@ def write_run(
         figures.append((_TRUE, f"{100 * report.total.precision:.1f} %", _TRUE))
     figures.append(("images", f"{report.images}", ""))
     figures.append(("simulated time", f"{report.time:.2f} s", ""))
-    detail = (
-        packed(_detail(began.cameras, report, events, track if scenes else None, why_flat))
-        if watched or scenes
-        else None
-    )
+    detail = None
+    if scenes or any(event.event == "evidence" for event in events):
+        detail = packed(_detail(began.cameras, report, events, track if scenes else None, why_flat))
     reasons, scene = [] if report.reason is None else [report.reason], 0 if scenes else None
     entry = PageRow(names, report.outcome, {"steps": names}, None, reasons, scene, detail, figures=figures)
     title = f"{names} in {began.workspace}: {report.outcome}"

@@ -79,10 +79,8 @@ def write_pictures(cell: Cell, analysis: Analysis, folder: Path, advance: Callab
     sheet, intervals = [], list(blind_intervals(analysis))
     views = hidden_views(cell, analysis, np.array([row for _, _, row in intervals], dtype=np.int64))
     for number, (start, end, row) in enumerate(intervals, 1):
-        t, states = (
-            analysis.timeline.samples.t[row],
-            analysis.planned.stage.states(analysis.timeline.samples.some([row])),
-        )
+        samples = analysis.timeline.samples.some([row])
+        states = analysis.planned.stage.states(samples)
         scene, pictures = RayScene.of(cell, states), []
         for index, camera in enumerate(cell.observer.cameras):
             made = _picture(cell, analysis, row, states, scene, index, views)
@@ -91,7 +89,7 @@ def write_pictures(cell: Cell, analysis: Analysis, folder: Path, advance: Callab
             pictures.append(made)
             advance()
         if pictures:
-            sheet.append((f"blind from {start:.1f} s to {end:.1f} s; pictures of {t:.1f} s", pictures))
+            sheet.append((f"blind from {start:.1f} s to {end:.1f} s; pictures of {samples.t[0]:.1f} s", pictures))
     if sheet:
         write(SHEET, contact_sheet(f"{analysis.planned.candidate.name} in {cell.workspace.name}", sheet))
     return len(sheet)
