@@ -56,20 +56,19 @@ def read_again(path: Path, digest: str, content: bytes | None = None) -> SourceD
     return document
 
 
-def replace_workspace(document: SourceDocument, content: bytes) -> None:
+def replace_workspace(document: SourceDocument, content: bytes, mend: str = "run the same command again") -> None:
     """Write another text into a workspace file. Raises InputError where it is not what was read, or cannot be written.
 
-    So of two changes at once the second is refused, and none is lost.
+    So of two changes at once the second is refused, and none is lost. mend: what messages then advise.
     """
     with alone(document.path):
         if read_input(document.path, MAX_BYTES) != document.content:
-            raise _changed(document.path)
+            raise _changed(document.path, mend)
         write_atomically(document.path, content)
 
 
-def _changed(path: Path) -> InputError:
-    message = "the workspace has changed meanwhile"
-    return bad_input("changed-meanwhile", message, Place(path), mend="run the same command again")
+def _changed(path: Path, mend: str = "run the same command again") -> InputError:
+    return bad_input("changed-meanwhile", "the workspace has changed meanwhile", Place(path), mend=mend)
 
 
 def workspace_name(file: Path) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextvars import ContextVar
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from sqrp_cli.cli.command import line
 from sqrp_cli.errors import ExitCode, bad_option
+from sqrp_cli.platform.files import stamp_of
 
 if TYPE_CHECKING:
     from sqrp_cli.document import Document
@@ -65,18 +65,18 @@ def watched(refused: Mapping[str, object]) -> ExitCode:
     try:
         while True:
             # As files were before the command reads them: what is saved meanwhile is not missed.
-            stamps = {path: _stamp(path) for path in stamps}
+            stamps = {path: stamp_of(path) for path in stamps}
             with noted_files() as read:
                 code = execute.get()(again)
             if code == ExitCode.INTERRUPTED:
                 return ExitCode.INTERRUPTED
-            stamps = {path: _stamp(path) for path in read} | stamps
+            stamps = {path: stamp_of(path) for path in read} | stamps
             if not told or code not in (ExitCode.OK, ExitCode.NONE_FEASIBLE):
                 note(f"watching {len(stamps)} files; Ctrl-C ends")
             told = True
             saved: set[Path] = set()
             while True:  # until files that were saved stay as they are for a moment
-                changed = {path: now for path, stamp in stamps.items() if (now := _stamp(path)) != stamp}
+                changed = {path: now for path, stamp in stamps.items() if (now := stamp_of(path)) != stamp}
                 if saved and not changed:
                     break
                 saved.update(changed)
@@ -85,15 +85,6 @@ def watched(refused: Mapping[str, object]) -> ExitCode:
             say(f"\n{', '.join(sorted(path.name for path in saved))} saved", "dim")
     finally:
         last_shown.reset(shown)
-
-
-def _stamp(path: Path) -> tuple[int, ...]:
-    """What changes when a file is saved; empty where there is none."""
-    try:
-        found = os.stat(path)  # noqa: PTH116 # `Path` takes longer, a thousand times per second
-    except OSError:
-        return ()
-    return found.st_mtime_ns, found.st_size, found.st_ino
 
 
 def print_changes(before: AnswerView, now: AnswerView) -> None:

@@ -75,6 +75,15 @@ def check_distinct(outputs: Mapping[str, Path | None]) -> None:
             raise bad_input("would-overwrite", message, Place(path), mend="choose another name for one of them")
 
 
+def stamp_of(path: Path) -> tuple[int, ...]:
+    """What changes when a file is saved; empty where there is none."""
+    try:
+        found = os.stat(path)  # noqa: PTH116 # `Path` takes longer, a thousand times per second
+    except OSError:
+        return ()
+    return found.st_mtime_ns, found.st_size, found.st_ino
+
+
 @contextmanager
 def alone(path: Path) -> Iterator[None]:
     """Lock a file against other processes that call this, while this one reads and replaces it.

@@ -7,7 +7,6 @@ import os
 import shlex
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,11 +14,12 @@ from typing import TYPE_CHECKING
 
 from sqrp_cli.ask.api.cell import OpenCell
 from sqrp_cli.cell.workspace_file import read_workspace_document, replace_workspace, workspace_file
-from sqrp_cli.errors import InputError, Place, bad_input, bad_option
+from sqrp_cli.errors import InputError, bad_input, bad_option
 from sqrp_cli.files.input_file import YAML_ENDINGS, read_input
 from sqrp_cli.files.source import SourceDocument
 from sqrp_cli.files.yaml_edit import changed_values, from_here, patch, with_values
 from sqrp_cli.files.yaml_file import MAX_BYTES
+from sqrp_cli.platform.files import stamp_of
 from sqrp_cli.show.pages.assembly import assembled, asset
 from sqrp_cli.studio.jobs import Jobs, play, search, write
 from sqrp_cli.studio.messages import Asked, findings, handles, message, read_request
@@ -260,14 +260,10 @@ class Studio:
 
     def _save(self) -> None:
         """Write the text into the file. Raises InputError where the file has changed meanwhile."""
-        if read_input(self._draft.path, MAX_BYTES) != self._draft.saved:
-            message = "the workspace has changed meanwhile"
-            mend = "mend the file, or read it again; unsaved changes are kept where they still fit"
-            raise bad_input("changed-meanwhile", message, Place(self._draft.path), mend=mend)
         saved = read_workspace_document(self._draft.path, self._draft.saved)
         line = self._setting(saved, self._draft.content)
-        if self._draft.dirty:
-            replace_workspace(saved, self._draft.content)
+        mend = "mend the file, or read it again; unsaved changes are kept where they still fit"
+        replace_workspace(saved, self._draft.content, mend)
         self._draft = replace(self._draft, saved=self._draft.content)
         self._stamps = self._stamped()
         self._rankings.take_as_saved()
@@ -277,12 +273,8 @@ class Studio:
 
     def _stamped(self) -> Mapping[Path, object]:
         """What tells whether a file of the workspace has changed."""
-        stamps: dict[Path, object] = {}
-        for path in {self._draft.path.absolute(), *(file.path for file in self._workspace.files.values())}:
-            with suppress(OSError):
-                status = path.stat()
-                stamps[path] = (status.st_mtime_ns, status.st_size, status.st_ino)
-        return stamps
+        paths = {self._draft.path.absolute(), *(file.path for file in self._workspace.files.values())}
+        return {path: stamp_of(path) for path in paths}
 
     def _reread(self) -> None:
         """Take over what others changed. What cannot be read is shown, and the last good state stays."""
