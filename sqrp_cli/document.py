@@ -39,6 +39,8 @@ def live(default: Any = None, *, factory: Any = MISSING) -> Any:  # noqa: ANN401
 class Record:
     """A part of a document; its fields are a contract with other programs. SI units, radians, shares in 0..1."""
 
+    __pydantic_config__ = {"use_attribute_docstrings": True}  # noqa: RUF012 - read by Pydantic, for the JSON Schema
+
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Document(Record):

@@ -84,12 +84,8 @@ def option(
 
 
 argument = partial(option, default=NEEDED)  # a field that is said by its place
+flag: Any = partial(option, kind=FieldKind(bool, lambda value, _: value), default=False)  # true where it is given
 optional: Any = option  # a field that may be left out, then it is None: types of requests need no default of it
-
-
-def flag(flags: str, help: str, *, default: bool = False) -> Any:
-    """A field that is true where its option is given."""
-    return option(flags, help, FieldKind(bool, lambda value, _name: value), default=default)
 
 
 def options(*words: OptionWord, kind: FieldKind, default: Any = None, uses: tuple[str, ...] = ()) -> Any:

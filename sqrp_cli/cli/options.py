@@ -11,10 +11,10 @@ from sqrp_cli.ask.api.program import OpenProgram
 from sqrp_cli.cli.command import line
 from sqrp_cli.cli.watch import is_shown_again, last_shown
 from sqrp_cli.document import Document
-from sqrp_cli.errors import InputError, Place, bad_input, bad_option
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, bad_option
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
 
 def write_patch(path: Path, begin: str, patch: str) -> None:
@@ -68,7 +68,7 @@ def check_outputs(outputs: Mapping[str, Path | None]) -> None:
 def open_with_warnings(path: Path, seed: int = 0) -> OpenCell:
     """Open a workspace and print its warnings. Raises InputError where `sqrp check` finds errors in it."""
     cell = OpenCell.read(path, seed)
-    _print_warnings(cell)
+    print_warnings(cell.findings)
     return cell
 
 
@@ -87,19 +87,19 @@ def open_to_write(
 def read_program(path: Path, seed: int = 0, *, check: bool = True) -> OpenProgram:
     """Open a program and print warnings of its workspace. check: whether it must fit that as it is now."""
     program = OpenProgram.read(path, seed)
-    _print_warnings(program.cell)
+    print_warnings(program.cell.findings)
     if check:
         program.check()
     return program
 
 
-def _print_warnings(cell: OpenCell) -> None:
-    """Raises InputError with the errors, if there are any."""
+def print_warnings(findings: Sequence[Problem]) -> None:
+    """Print the warnings among findings. Raises InputError with the errors, if there are any."""
     from sqrp_cli.show.terminal.console import print_problems
 
-    print_problems(problem for problem in cell.findings if problem.severity != "error")
-    if cell.errors:
-        raise InputError(*cell.errors)
+    print_problems(problem for problem in findings if problem.severity != "error")
+    if errors := [problem for problem in findings if problem.severity == "error"]:
+        raise InputError(*errors)
 
 
 def check_needed(what: str, there: object, about: Mapping[str, object]) -> None:

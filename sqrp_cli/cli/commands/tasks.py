@@ -116,6 +116,7 @@ def _rank(
     from sqrp_cli.checks.cell_warnings import cell_warnings, scenes_of, swept_cameras
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.search.suggestion import with_first_steps
+    from sqrp_cli.show.pages.candidate_page import write_ranking
     from sqrp_cli.show.terminal.console import note, print_problems, say_command
 
     if watch:
@@ -150,11 +151,9 @@ def _rank(
         print_problems(swept_cameras(cell, scenes_of(cell, world, [best])))
     # Written before the output, because its reader may leave early.
     code, message = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranking, choose, program)
-    if report is not None and not interrupted:
-        from sqrp_cli.show.pages.candidate_page import write_ranking
-
-        if not page_is_written(report, partial(write_ranking, ranking), jobs=ask.jobs, progress=ask.progress):
-            code = ExitCode.INTERRUPTED
+    page = partial(write_ranking, ranking)
+    if not interrupted and not page_is_written(report, page, jobs=ask.jobs, progress=ask.progress):
+        code = ExitCode.INTERRUPTED
     if parquet is not None and not interrupted:
         rows = write_frames(cell, world, session.task.candidates, parquet)
         note(f"{parquet} has {rows:,} rows: a frame, camera and target each")
@@ -304,18 +303,15 @@ def _advise(
     json: bool = requests.JSON,
 ) -> ExitCode:
     from sqrp_cli.checks.cell_warnings import cell_warnings
+    from sqrp_cli.show.pages.search_pages import write_advice
     from sqrp_cli.show.terminal.console import note, print_problems
 
     workspace, after = start_of(workspace, ask.after)
     cell = open_to_write(workspace, seed, [after], {"--patch": patch, "--report": report})
     print_problems(cell_warnings(cell.cell))
     found = advised(cell, ask.but(after=after))
-    interrupted = bool(found.interrupted)
-    if report is not None and not interrupted:
-        from sqrp_cli.show.pages.search_pages import write_advice
-
-        page = partial(write_advice, found)
-        interrupted = not page_is_written(report, page, jobs=ask.jobs, progress=ask.progress)
+    page = partial(write_advice, found)
+    interrupted = found.interrupted or not page_is_written(report, page, jobs=ask.jobs, progress=ask.progress)
     message = ""
     try:
         message = "" if interrupted else write_change(found, cell.path, apply, patch)
@@ -359,6 +355,7 @@ def _place(
     json: bool = requests.JSON,
 ) -> ExitCode:
     from sqrp_cli.score.cluster import connected
+    from sqrp_cli.show.pages.search_pages import write_placement
     from sqrp_cli.show.terminal.console import note
     from sqrp_cli.show.terminal.search_tables import bounds_reporter
 
@@ -372,12 +369,8 @@ def _place(
     if patch is not None and found.patch:
         write_patch(patch, "Cameras that `sqrp place` found", found.patch)
         note(f"the patch is in {patch}")
-    interrupted = bool(found.interrupted)
-    if report is not None and not interrupted:
-        from sqrp_cli.show.pages.search_pages import write_placement
-
-        page = partial(write_placement, found)
-        interrupted = not page_is_written(report, page, jobs=ask.jobs, progress=ask.progress)
+    page = partial(write_placement, found)
+    interrupted = found.interrupted or not page_is_written(report, page, jobs=ask.jobs, progress=ask.progress)
     answer(found, as_json=json, written=patch is not None)
     if interrupted:
         return ExitCode.INTERRUPTED

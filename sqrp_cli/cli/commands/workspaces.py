@@ -14,8 +14,8 @@ from sqrp_cli.ask.api.new_cell import made
 from sqrp_cli.ask.api.results import is_result, read_result
 from sqrp_cli.ask.request import argument, flag, option
 from sqrp_cli.cli.command import command
-from sqrp_cli.cli.options import answer, check_excluded, check_needed, open_with_warnings
-from sqrp_cli.errors import ExitCode, InputError, bad_input, bad_option, expected_names
+from sqrp_cli.cli.options import answer, check_excluded, check_needed, open_with_warnings, print_warnings
+from sqrp_cli.errors import ExitCode, bad_input, bad_option, expected_names
 
 
 @command("show")
@@ -54,7 +54,7 @@ def _set(
     """
     from sqrp_cli.cell.workspace_file import read_workspace_document, replace_workspace, workspace_file
     from sqrp_cli.files.yaml_edit import with_values
-    from sqrp_cli.show.terminal.console import note, print_problems
+    from sqrp_cli.show.terminal.console import note
     from sqrp_cli.task.task import impossible_tasks
 
     file = workspace_file(workspace)
@@ -72,10 +72,7 @@ def _set(
         note(f"{file} says so already; nothing was written")
         return
     opened = OpenCell.read(workspace, 0, content)
-    findings = (*opened.findings, *impossible_tasks(opened.workspace))
-    print_problems(one for one in findings if one.severity != "error")
-    if errors := [one for one in findings if one.severity == "error"]:
-        raise InputError(*errors)
+    print_warnings((*opened.findings, *impossible_tasks(opened.workspace)))
     replace_workspace(document, content)
     note(f"{file} is written")
 
