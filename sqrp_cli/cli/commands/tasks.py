@@ -116,7 +116,6 @@ def _rank(
     from sqrp_cli.checks.cell_warnings import cell_warnings, scenes_of, swept_cameras
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.search.suggestion import with_first_steps
-    from sqrp_cli.show.pages.candidate_page import write_ranking
     from sqrp_cli.show.terminal.console import note, print_problems, say_command
 
     if watch:
@@ -151,9 +150,11 @@ def _rank(
         print_problems(swept_cameras(cell, scenes_of(cell, world, [best])))
     # Written before the output, because its reader may leave early.
     code, message = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranking, choose, program)
-    page = partial(write_ranking, ranking)
-    if not interrupted and not page_is_written(report, page, jobs=ask.jobs, progress=ask.progress):
-        code = ExitCode.INTERRUPTED
+    if report is not None and not interrupted:
+        from sqrp_cli.show.pages.candidate_page import write_ranking
+
+        if not page_is_written(report, partial(write_ranking, ranking), jobs=ask.jobs, progress=ask.progress):
+            code = ExitCode.INTERRUPTED
     if parquet is not None and not interrupted:
         rows = write_frames(cell, world, session.task.candidates, parquet)
         note(f"{parquet} has {rows:,} rows: a frame, camera and target each")
