@@ -87,7 +87,7 @@ def analysis_shown(
         formulas=[
             from_fields(Formula, one, literals=[str(literal) for literal in one.literals]) for one in planned.formulas
         ],
-        cameras={one.name: from_fields(CameraTiming, one, latency=one.lag) for one in cell.observer.cameras},
+        cameras={one.name: CameraTiming.of(one) for one in cell.observer.cameras},
         without_camera=without_each_camera(cell, analysis),
         recovery=RecoveryTimes(t=analysis.recovery[0].tolist(), duration=analysis.recovery[1].tolist()),
         sights=sights,

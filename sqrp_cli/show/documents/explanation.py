@@ -18,6 +18,7 @@ from sqrp_cli.sight.limits import HidingPart, Reason
 from sqrp_cli.study.result import CandidateResult, FreeView, FreeViews, HiddenTarget, SamplingDone, UnseenTime
 
 if TYPE_CHECKING:
+    from sqrp_cli.camera.camera import Camera
     from sqrp_cli.study.pipeline import Explained
 else:  # no file has it
     Explained = Any
@@ -63,6 +64,11 @@ class CameraTiming(Record):
     """Images per second [Hz]."""
     latency: float
     """From exposure to the image being available [s]."""
+
+    @classmethod
+    def of(cls, camera: Camera) -> CameraTiming:
+        """That of a camera."""
+        return cls(rate=camera.rate, latency=camera.lag)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -310,7 +310,7 @@ def _camera(cell: Cell, one: Camera) -> CameraScene:
     if one.distortion_model == "none":  # ROS has no name for the absence of distortion; it writes five zeros
         lens |= {"distortion_model": "plumb_bob", "D": [0.0] * 5}
     limits = {"far": finite_or_none(one.far), "exposure": one.exposure or None}
-    return from_fields(CameraScene, one, **lens, **limits, latency=one.lag, frame=frame, pose=X_FC.tolist())
+    return from_fields(CameraScene, one, CameraTiming.of(one), **lens, **limits, frame=frame, pose=X_FC.tolist())
 
 
 def _opaque_parts(cell: Cell) -> list[OpaquePart]:
