@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -31,7 +31,6 @@ from sqrp_cli.files.entries import (
 )
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.files.input_file import missing_file
-from sqrp_cli.files.source import SourceDocument
 from sqrp_cli.files.units import ANGLE, SHORTEST_DIRECTION
 from sqrp_cli.files.validation import validate
 from sqrp_cli.files.yaml_file import read_yaml
@@ -242,24 +241,35 @@ def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mou
     Raises InputError with all problems, each with its place.
     """
     document = read_yaml(path, keys=("mounts", "lenses"))
-    file = validate(document, PlaceFile)
-    if problems := list(_problems(document, file, links)):
-        raise InputError(*problems)
+    file, problems = validate(document, PlaceFile), list[Problem]()
     if (count := sum(int(entry.rows()[1].prod()) for entry in file.mounts.values())) > MOST_SPOTS:
         message = f"the mounts have {count:,} places, expected at most {MOST_SPOTS:,}; make a `step` longer"
         raise document.error("too-many-mounts", ("mounts",), message)
-    lenses = {}
+    lenses, sites = dict[str, LensEntry](), list[Site]()
     for name, one in file.lenses.items():
-        lens = replace(catalogue()[one.catalogue], price=one.price) if isinstance(one, CatalogueLens) else one
-        lenses[name] = lens
+        if isinstance(one, CatalogueLens) and one.catalogue not in catalogue():
+            message = f"found `{one.catalogue}`; {expected_names(one.catalogue, catalogue())}"
+            problems.append(document.problem("unknown-lens", ("lenses", name, "catalogue"), message))
+            continue
+        lenses[name] = replace(catalogue()[one.catalogue], price=one.price) if isinstance(one, CatalogueLens) else one
         check_image(document, ("lenses", name, "image"), lenses[name].image.intrinsics())
-    sites, aimless = list[Site](), list[Problem]()
     for name, entry in file.mounts.items():
-        (steps, counts), span, aims = entry.rows(), entry.rail or entry.grid, entry.aims
+        (steps, counts), span, aims, at = entry.rows(), entry.rail or entry.grid, entry.aims, ("mounts", name)
+        if entry.frame not in (WORLD, *links):
+            known = expected_names(entry.frame, [WORLD, *links])
+            message = f"found `{entry.frame}`, expected `world` or a link; {known}"
+            problems.append(document.problem("unknown-frame", (*at, "frame"), message))
+        if aims is not None and aims.cone is not None and (count := len(aims.cone.directions())) > MOST_AIMS:
+            message = f"{count} directions, expected at most {MOST_AIMS}; make `step` larger"
+            problems.append(document.problem("too-many-mounts", (*at, "aims", "cone"), message))
+        for index, lens in enumerate(entry.lenses or ()):
+            if lens not in file.lenses:
+                message = no_such(lens, "lens of this file", file.lenses)
+                problems.append(document.problem("unknown-lens", (*at, "lenses", index), message))
         # Of a grid x slowest, z fastest.
         first = np.array(entry.points if span is None else span.start, dtype=float)
         places = np.round(first + np.array(list(product(*map(range, counts)))) @ steps, 9) + 0.0
-        fitting = lenses if entry.lenses is None else {lens: lenses[lens] for lens in entry.lenses}
+        fitting = {lens: lenses[lens] for lens in entry.lenses or lenses if lens in lenses}
         sites += [
             Site(
                 mount=name,
@@ -274,33 +284,12 @@ def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mou
         only_at = () if aims is None or aims.targets or aims.fixed or aims.cone else aims.at
         if only_at and all(np.linalg.norm(places - np.array(point), axis=1).max() < SAME for point in only_at):
             message = "a camera here would look at its own place; aim at another point"
-            aimless.append(document.problem("wrong-value", ("mounts", name, "aims", "at"), message))
-    if aimless:
-        raise InputError(*aimless)
+            problems.append(document.problem("wrong-value", (*at, "aims", "at"), message))
     listed = [task.task for task in workspace.tasks]
     for task in file.weights:
         if listed and task not in listed:
-            raise document.error("unknown-task", ("weights",), no_such(task, "task of the workspace", listed))
+            message = no_such(task, "task of the workspace", listed)
+            problems.append(document.problem("unknown-task", ("weights",), message))
+    if problems:
+        raise InputError(*problems)
     return Mounts(sites=tuple(sites), lenses=lenses, weights=dict(file.weights))
-
-
-def _problems(document: SourceDocument, file: PlaceFile, links: tuple[str, ...]) -> Iterator[Problem]:
-    """Unknown frames and lenses, and cones of too many directions."""
-    for name, entry in file.mounts.items():
-        if entry.frame != WORLD and entry.frame not in links:
-            known = expected_names(entry.frame, [WORLD, *links])
-            message = f"found `{entry.frame}`, expected `world` or a link; {known}"
-            yield document.problem("unknown-frame", ("mounts", name, "frame"), message)
-        cone = entry.aims.cone if entry.aims is not None else None
-        if cone is not None and (count := len(cone.directions())) > MOST_AIMS:
-            message = f"{count} directions, expected at most {MOST_AIMS}; make `step` larger"
-            yield document.problem("too-many-mounts", ("mounts", name, "aims", "cone"), message)
-    for name, entry in file.mounts.items():
-        for index, lens in enumerate(entry.lenses or ()):
-            if lens not in file.lenses:
-                message = no_such(lens, "lens of this file", file.lenses)
-                yield document.problem("unknown-lens", ("mounts", name, "lenses", index), message)
-    for name, one in file.lenses.items():
-        if isinstance(one, CatalogueLens) and one.catalogue not in catalogue():
-            message = f"found `{one.catalogue}`; {expected_names(one.catalogue, catalogue())}"
-            yield document.problem("unknown-lens", ("lenses", name, "catalogue"), message)

@@ -140,7 +140,7 @@ def _compiled(path: Path, *, weighing: bool) -> Scene:
     weighing: whether masses count.
     """
     if find_spec("mujoco") is None:
-        raise bad_input("missing-extra", "an MJCF needs the extra `sim`", mend="pip install mujoco")
+        raise bad_input("missing-extra", "an MJCF needs the extra `sim`", Place(path), mend="pip install mujoco")
     with suppress(InputError):  # it finds out how it can draw while it is imported, but may also do without
         check_simulator()
     with interrupts_later():
