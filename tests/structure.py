@@ -28,7 +28,7 @@ ROOMS = {
     "files": ("files", 2_049),
     "robot": ("robot", 3_097),
     "camera": ("camera", 2_336),
-    "cell": ("cell", 3_398),
+    "cell": ("cell", 3_387),
     "logic": ("logic", 2_300),
     "skill, program, recording": ("skill program recording", 2_605),
     "task": ("task", 1_021),
