@@ -12,15 +12,6 @@ from tests.cli.browser import Opened, click_at_random, detail_in, walk
 from tests.cli.hostile import hostile_cell
 from tests.docs.words import COMPUTED, unexplained
 
-HOSTILE = (
-    "<img src=x onerror=alert(1)>\"'`</script><script>alert(2)</script>\u202egnp.\u2066-->]]>&lt;javascript:alert(3)"
-    "`${alert(4)}`\x1b]0;x\x07\r\n\x9b\u2028\u200b\ud800!"
-)
-SPELLED_OUT = (
-    "<img src=x onerror=alert(1)>\"'`</script><script>alert(2)</script>\\u{202e}gnp.\\u{2066}-->]]>&lt;"
-    "javascript:alert(3)`${alert(4)}`\\u{1b}]0;x\\u{7}\\u{d}\\u{a}\\u{9b}\\u{2028}\\u{200b}\\u{d800}!"
-)
-
 
 @pytest.fixture(scope="module")
 def written(tabletop_written):

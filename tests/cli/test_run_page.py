@@ -17,9 +17,17 @@ from sqrp_cli.run.record.report import Confusion, FaultRecord, RunReport, StepRe
 from sqrp_cli.show.pages.run_page import write_run
 from tests.cli.browser import Opened, carried, click_at_random
 from tests.cli.slip_run import Moment
-from tests.cli.test_report import HOSTILE, SPELLED_OUT
 
 pytestmark = pytest.mark.slow
+
+HOSTILE = (
+    "<img src=x onerror=alert(1)>\"'`</script><script>alert(2)</script>\u202egnp.\u2066-->]]>&lt;javascript:alert(3)"
+    "`${alert(4)}`\x1b]0;x\x07\r\n\x9b\u2028\u200b\ud800!"
+)
+SPELLED_OUT = (
+    "<img src=x onerror=alert(1)>\"'`</script><script>alert(2)</script>\\u{202e}gnp.\\u{2066}-->]]>&lt;"
+    "javascript:alert(3)`${alert(4)}`\\u{1b}]0;x\\u{7}\\u{d}\\u{a}\\u{9b}\\u{2028}\\u{200b}\\u{d800}!"
+)
 
 
 def evidence(t: float, value: str, **cameras: str) -> Event:
