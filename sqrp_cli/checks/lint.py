@@ -17,7 +17,7 @@ from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.checks import cameras
 from sqrp_cli.checks.formulas import contradictions, faults_of_the_plan, formulas_against_the_action
-from sqrp_cli.checks.placement import floating_objects, overlapping_objects
+from sqrp_cli.checks.placement import floating_objects, overlapping_objects, warning
 from sqrp_cli.errors import Problem, expected_names, first_names
 from sqrp_cli.files.frames import AT_START, WORLD
 from sqrp_cli.logic.domain import nested
@@ -177,12 +177,12 @@ def colors(workspace: Workspace) -> Iterator[Problem]:
             message = f"no detector of colours sees `{color}`, the colour of {first_names(parts)}{why}"
             place = f"{place}.color"
         mend = "give it a colour with a hue, or look for markers"
-        yield Problem("unseen-colour", message, workspace.places.get(place), severity="warning", mend=mend)
+        yield warning("unseen-colour", message, workspace, place, mend)
     for name, parts in alike.items():
         what = f"{first_names(parts)} from `{name}` below, which has the same colour"
         mend = "give one of them another colour, or look for markers"
-        at = workspace.places.get(f"objects.{name}.color")
-        yield Problem("same-colour", f"detectors of colours cannot tell {what}", at, severity="warning", mend=mend)
+        message = f"detectors of colours cannot tell {what}"
+        yield warning("same-colour", message, workspace, f"objects.{name}.color", mend)
 
 
 def _boxes(skill: Skill) -> Iterator[tuple[str, int, BoxSpec]]:

@@ -184,10 +184,7 @@ def _advice(question: Question, met: Tried) -> AdviceFound:
                 pairs.append((figures_of(way, before), figures_of(way, after)))
             effects.append(TaskEffect.of(text, pairs))
     worse = tuple(one.task for one in effects if any(candidate.worse for candidate in one.candidates))
-    said = _change_found(change, found)
-    return from_fields(
-        AdviceFound, said, margin=met.margin, tasks=tuple(effects), worse=worse, patch="", unwritten=None
-    )
+    return from_fields(AdviceFound, _change_found(change, found), margin=met.margin, tasks=tuple(effects), worse=worse)
 
 
 def _change_found(change: ProposedChange, found: CandidateResult) -> ChangeFound:

@@ -10,6 +10,7 @@ from typing import Literal
 
 from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.errors import Infeasible
+from sqrp_cli.figures import NO_FIGURES
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.logic.domain import Domain, merge_domains
 from sqrp_cli.logic.literal import Atom
@@ -152,15 +153,15 @@ def with_first_steps(task: Task, workspace: Workspace, facts: frozenset[Atom] | 
 
 def _planned(candidate: Candidate, world: World | None, found: CandidateResult | None) -> PlannedStep:
     """The step of a candidate, assessed in a world; neither is there after a step that cannot be done."""
-    figures = {name: getattr(found, name, None) for name in ("q_avg", "q_eoi", "time")}
-    return PlannedStep(
+    return from_fields(
+        PlannedStep,
+        found or NO_FIGURES,
         task=candidate.task,
         action=str(PlanStep(candidate.skill.action.name, tuple(candidate.binding.values()))),
         feasible=found is not None and found.feasible,
         reasons=["a step before it cannot be done"] if found is None else list(found.reasons),
         world=world,
         result=found,
-        **figures,
     )
 
 

@@ -47,6 +47,7 @@ UNKNOWN = {
     "moveit.py": ("link", "joint", "group"),
     "load.py": ("frame", "object", "enclosed", "detector"),
     "labelled.py": ("detector", "camera", "object"),
+    "moves.py": ("camera", "object"),
 }
 """What the codes `unknown-...` are made from that the source puts together, by file."""
 
