@@ -35,7 +35,7 @@ ROOMS = {
     "motion": ("motion", 2_958),
     "sight": ("kernel sight", 1_292),
     "study": ("study", 4_459),
-    "search": ("search", 4_280),
+    "search": ("search", 4_278),
     "checks": ("checks", 1_337),
     "run": ("run", 7_008),
     "field": ("field ros", 2_906),
