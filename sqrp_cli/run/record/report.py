@@ -215,7 +215,7 @@ class RunReport(WorkspaceDocument):
     @property
     def says(self) -> list[Mapping[str, str]]:
         """The facts of each step in words, by atom."""
-        return [step.says for step in self.steps]
+        return [step.says for step in self.steps] + [{}] * (len(self.prediction) - len(self.steps))
 
     @property
     def done(self) -> bool:
