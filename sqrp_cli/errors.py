@@ -14,14 +14,10 @@ from sqrp_cli.records import dataclass
 
 _LONG_QUOTE = re.compile(r'(`)(?!sqrp )([^`]{60})[^`]{200,}`|(")([^`"]{60})[^`"]{200,}"')
 """A quoted name or value of more than a few lines; commands stay whole, because users type them."""
-MOST_PROBLEMS = 20
-"""Most problems that an error carries: a file may have one in each line."""
-SURE = 0.7
-"""How alike a name and the nearest valid one are, of 0 to 1, so that the others need no mention."""
-SHORT = 3
-"""Letters of names such as `g1`, of which one that is wrong is half of the name."""
-MOST_NAMES = 20
-"""Most names that a message lists."""
+MOST_PROBLEMS = 20  # Most problems that an error carries: a file may have one in each line
+SURE = 0.7  # How alike a name and the nearest valid one are, of 0 to 1, so that the others need no mention
+SHORT = 3  # Letters of names such as `g1`, of which one that is wrong is half of the name
+MOST_NAMES = 20  # Most names that a message lists
 
 
 class ExitCode(IntEnum):
@@ -125,8 +121,7 @@ class Infeasible:
     """Why something cannot be done: sentences with figures, the most useful first."""
 
     reasons: tuple[str, ...]
-    tried: int = 0
-    """How many ways were tried."""
+    tried: int = 0  # How many ways were tried
 
 
 def counted(count: int) -> str:

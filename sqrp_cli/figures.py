@@ -56,8 +56,7 @@ def falls_short(quality: float, least: float) -> bool:
     return quality < least - ROUNDING
 
 
-LATE = 1.0
-"""A fault that may be noticed later than this is late [s]: texts say why."""
+LATE = 1.0  # A fault that may be noticed later than this is late [s]: texts say why
 
 LateCause = Literal[
     "line_of_sight", "hardly_apart", "no_place", "not_in_place", "fingers_close", "fingers_hide", "not_seen",

@@ -14,10 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 BOX_SIGNS: Array = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 """Corners of the box [-1, 1]^3, shape (8, 3), x slowest and z fastest."""
-_PARALLEL = 1e-9
-"""Sine of the angle below which two directions count as parallel."""
-_ORTHONORMAL = 1e-9
-"""Tolerance of R^T R = I for a rotation matrix, per entry."""
+_PARALLEL = 1e-9  # Sine of the angle below which two directions count as parallel
+_ORTHONORMAL = 1e-9  # Tolerance of R^T R = I for a rotation matrix, per entry
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 

@@ -17,10 +17,8 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array, box_corners, check_poses, cross
 from sqrp_cli.records import dataclass
 
-Geometry = Literal["collision", "visual"]
-"""Which of the two geometries of a link."""
-LEAST_SIZE = 1e-6
-"""Least size of a shape after shrinking [m]."""
+Geometry = Literal["collision", "visual"]  # Which of the two geometries of a link
+LEAST_SIZE = 1e-6  # Least size of a shape after shrinking [m]
 
 BOX_TRIANGLES = np.array(
     [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
@@ -35,10 +33,8 @@ BOX_TRIANGLES.setflags(write=False)
 class Triangles:
     """A surface of triangles."""
 
-    vertices: Array
-    """Corners [m], shape (V, 3)."""
-    faces: NDArray[np.int64]
-    """Indices of three corners each, shape (F, 3)."""
+    vertices: Array  # Corners [m], shape (V, 3)
+    faces: NDArray[np.int64]  # Indices of three corners each, shape (F, 3)
 
     def turns_around(self, point: Array) -> float:
         """The winding number of the surface around a point (3,): an integer if it is closed.
@@ -57,36 +53,30 @@ class Triangles:
 class Box:
     """A box along its own axes."""
 
-    size: tuple[float, float, float]
-    """Full extents [m]."""
+    size: tuple[float, float, float]  # Full extents [m]
 
 
 @dataclass(frozen=True)
 class Sphere:
     """A sphere."""
 
-    radius: float
-    """[m]"""
+    radius: float  # [m]
 
 
 @dataclass(frozen=True)
 class Cylinder:
     """A cylinder about its z axis."""
 
-    radius: float
-    """[m]"""
-    length: float
-    """[m]"""
+    radius: float  # [m]
+    length: float  # [m]
 
 
 @dataclass(frozen=True)
 class Capsule:
     """A capsule about its z axis."""
 
-    radius: float
-    """[m]"""
-    length: float
-    """Of the straight part [m]."""
+    radius: float  # [m]
+    length: float  # Of the straight part [m]
 
 
 @dataclass(frozen=True)
@@ -94,12 +84,10 @@ class Mesh:
     """A triangle mesh file (STL, OBJ or DAE)."""
 
     path: Path
-    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Along x, y and z, from the file's numbers to metres."""
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)  # Along x, y and z, from the file's numbers to metres
 
 
-Convex = Box | Sphere | Cylinder | Capsule
-"""The shapes that need no file."""
+Convex = Box | Sphere | Cylinder | Capsule  # The shapes that need no file
 Shape = Convex | Mesh
 
 
@@ -121,10 +109,8 @@ def half_extents(shape: Convex, R: Array) -> Array:
 class PlacedBox(NamedTuple):
     """A box somewhere in the world."""
 
-    X_WB: Array
-    """Pose of its centre, shape (4, 4)."""
-    size: Array
-    """Full extents [m], shape (3,)."""
+    X_WB: Array  # Pose of its centre, shape (4, 4)
+    size: Array  # Full extents [m], shape (3,)
 
     def gap(self, other: PlacedBox, *, from_above: bool = False) -> float:
         """The widest gap between two boxes along an axis that separates them [m].
@@ -232,13 +218,10 @@ def shape_of(kind: str, figures: Sequence[float]) -> Box | Sphere | Cylinder | C
 class Part:
     """A solid, opaque piece that moves rigidly with its parent."""
 
-    name: str
-    """Its name in output."""
-    parent: str
-    """A link of the robot, an object, or `world`."""
+    name: str  # Its name in output
+    parent: str  # A link of the robot, an object, or `world`
     shape: Shape
-    X_PG: Array
-    """Pose of the shape in the parent, shape (4, 4)."""
+    X_PG: Array  # Pose of the shape in the parent, shape (4, 4)
 
     def __post_init__(self) -> None:
         """Raises ValueError if `X_PG` is not a pose."""

@@ -10,8 +10,7 @@ import os
 import re
 from typing import Any
 
-REPLACEMENT = "?"
-"""Stands for what cannot be shown, as it does for what the encoding of a terminal does not know."""
+REPLACEMENT = "?"  # Stands for what cannot be shown, as it does for what the encoding of a terminal does not know
 _COMMAND = re.compile(r"^(\s*):(?=:)|#(?=#[A-Za-z]*\[)")
 """What CI servers obey in a log: `::error::` at the beginning of a line, `##[error]` and `##vso[...]` anywhere."""
 

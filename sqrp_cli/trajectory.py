@@ -22,10 +22,8 @@ NO_SLOPE = 1e-11
 class PiecewiseCubic:
     """The time law s(t): a cubic polynomial per piece, with constant jerk in each."""
 
-    breaks: Array
-    """Start times of the pieces, and the end of the last one [s], rising from 0, shape (k + 1,)."""
-    coefficients: Array
-    """Coefficients of 1, u, u^2 and u^3 with u = t minus the start of the piece, shape (k, 4)."""
+    breaks: Array  # Start times of the pieces, and the end of the last one [s], rising from 0, shape (k + 1,)
+    coefficients: Array  # Coefficients of 1, u, u^2 and u^3 with u = t minus the start of the piece, shape (k, 4)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "breaks", read_only(self.breaks))
@@ -66,20 +64,16 @@ class PiecewiseCubic:
 class JointSpan(NamedTuple):
     """The range of positions of each of n joints."""
 
-    lower: Array
-    """Shape (n,) [rad or m]."""
-    upper: Array
-    """Shape (n,) [rad or m]."""
+    lower: Array  # Shape (n,) [rad or m]
+    upper: Array  # Shape (n,) [rad or m]
 
 
 @dataclass(frozen=True, eq=False)
 class JointPath:
     """A path of n joints over the parameter s in [0, 1]: a Chebyshev polynomial per piece and joint."""
 
-    breaks: Array
-    """Starts of the pieces, and the end of the last one, rising from 0 to 1, shape (p + 1,)."""
-    coefficients: Array
-    """Coefficients of T_0..T_d over each piece, mapped to [-1, 1] [rad or m], shape (p, d + 1, n)."""
+    breaks: Array  # Starts of the pieces, and the end of the last one, rising from 0 to 1, shape (p + 1,)
+    coefficients: Array  # Coefficients of T_0..T_d over each piece, mapped to [-1, 1] [rad or m], shape (p, d + 1, n)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "breaks", read_only(self.breaks))

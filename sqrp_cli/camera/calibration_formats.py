@@ -202,25 +202,20 @@ def flat(value: Any) -> Any:  # noqa: ANN401 - whatever a file has
 class StatedLens(NamedTuple):
     """What a file says of a camera's lens; None where it says nothing of distortion, names no model, or has no size."""
 
-    K: Sequence[float]
-    """The camera matrix, row by row [pixels]."""
+    K: Sequence[float]  # The camera matrix, row by row [pixels]
     D: Sequence[float] | None
     model: str | None
     size: PixelSize | None
-    at: Mapping[str, KeyPath]
-    """Where each of these is."""
+    at: Mapping[str, KeyPath]  # Where each of these is
     format_name: str
 
 
 class CameraInFile(NamedTuple):
     """A camera of a file, by its keys."""
 
-    at: KeyPath
-    """The mapping that has it."""
-    words: Mapping[str, KeyPath]
-    """Of each word that the table knows, the path in that mapping."""
-    mark: str
-    """Which of the cameras of that mapping; empty for the only one."""
+    at: KeyPath  # The mapping that has it
+    words: Mapping[str, KeyPath]  # Of each word that the table knows, the path in that mapping
+    mark: str  # Which of the cameras of that mapping; empty for the only one
 
 
 FORMATS: Mapping[str, Any] = FACTS["formats"]

@@ -60,15 +60,11 @@ def check_pixels(width: int, height: int) -> None:
 class Intrinsics:
     """Camera matrix, distortion and image size; pixel (0, 0) is the centre of the first pixel."""
 
-    width: int
-    """Columns of the image [pixels]."""
-    height: int
-    """Rows of the image [pixels]."""
-    matrix: Array
-    """The intrinsic matrix K [pixels], shape (3, 3)."""
+    width: int  # Columns of the image [pixels]
+    height: int  # Rows of the image [pixels]
+    matrix: Array  # The intrinsic matrix K [pixels], shape (3, 3)
     distortion_model: DistortionModel
-    distortion: Array
-    """As in ROS `sensor_msgs/CameraInfo`: k1, k2, p1, p2, k3, ..."""
+    distortion: Array  # As in ROS `sensor_msgs/CameraInfo`: k1, k2, p1, p2, k3, ..
     lens_file: str | None = None
     """Format of the calibration file that says so, with the camera's name in it; None: the workspace does."""
 

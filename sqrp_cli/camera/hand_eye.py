@@ -51,21 +51,14 @@ _ANGLES = ("roll", "pitch", "yaw")
 class StaticTransform(NamedTuple):
     """The pose of a frame, such as a camera's optical one (x right, y down, z forward), in another, by a file."""
 
-    parent: str
-    """Of a camera: `world`, or the link that carries it."""
+    parent: str  # Of a camera: `world`, or the link that carries it
     child: str
-    X_PC: Array
-    """Shape (4, 4)."""
-    place: Place
-    """Where the file names the parent."""
-    pose_file: str = ""
-    """Format of the file."""
-    content: bytes = b""
-    """What was read of the file."""
-    document: SourceDocument | None = None
-    """Its keys and values, of easy_handeye."""
-    axes: str | None = None
-    """Of the camera, as `convention` of a workspace; None where the format does not define them."""
+    X_PC: Array  # Shape (4, 4)
+    place: Place  # Where the file names the parent
+    pose_file: str = ""  # Format of the file
+    content: bytes = b""  # What was read of the file
+    document: SourceDocument | None = None  # Its keys and values, of easy_handeye
+    axes: str | None = None  # Of the camera, as `convention` of a workspace; None where the format does not define them
 
     @classmethod
     def of(cls, stamped: Any, place: Place) -> StaticTransform:  # noqa: ANN401 - of a file, or a ROS message

@@ -121,8 +121,7 @@ class Light(FileRecord):
         return heading
 
 
-Brightness = tuple[float, float]
-"""Least and most intensity of light, at gain 1, in which something is told from others."""
+Brightness = tuple[float, float]  # Least and most intensity of light, at gain 1, in which something is told from others
 ANY_BRIGHTNESS: Brightness = (0.0, inf)
 MARKER: Brightness = (0.2, inf)
 """Of the white of a marker: with less, black and white differ too little for a threshold. Black stays black."""

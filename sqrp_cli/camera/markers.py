@@ -16,10 +16,8 @@ from sqrp_cli.records import dataclass
 class MarkerDictionary(NamedTuple):
     """A set of markers."""
 
-    modules: int
-    """Along a side of the black square: those of the code, and its border."""
-    ids: int
-    """How many: they are called 0 to one less than this."""
+    modules: int  # Along a side of the black square: those of the code, and its border
+    ids: int  # How many: they are called 0 to one less than this
 
     corrected: int = 0
     """So many bits of the code may be wrong: OpenCV corrects up to 0.6 of what the code's distance allows."""

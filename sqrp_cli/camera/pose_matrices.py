@@ -41,13 +41,11 @@ class PoseNumbers(NamedTuple):
 
     name: str
     at: KeyPath
-    turn: Sequence[float]
-    """A rotation matrix, row by row, or three or four numbers."""
+    turn: Sequence[float]  # A rotation matrix, row by row, or three or four numbers
     shift: Sequence[float]
     rotation: str | None = None
     pose_of: str | None = None
-    unit: float | None = None
-    """Length of a unit [m]."""
+    unit: float | None = None  # Length of a unit [m]
     axes: str | None = None
 
 

@@ -14,8 +14,7 @@ from sqrp_cli.camera.camera import Camera
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.records import dataclass
 
-CLOSE = 1e-2
-"""Greatest distance from a pixel at which what the camera sees there is shown [pixels]."""
+CLOSE = 1e-2  # Greatest distance from a pixel at which what the camera sees there is shown [pixels]
 _ITERATIONS, _STEP = 25, 1e-5
 
 

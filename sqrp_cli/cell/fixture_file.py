@@ -42,8 +42,7 @@ _FIGURES = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2}  # how many figures
 class Standing(NamedTuple):
     """An object with its solid pieces."""
 
-    name: str
-    """As the file has it."""
+    name: str  # As the file has it
     shapes: tuple[Solid, ...]
     place: Place
 

@@ -214,8 +214,7 @@ class Mounts:
     """Where cameras may go, and which."""
 
     sites: tuple[Site, ...]
-    lenses: Mapping[str, LensEntry]
-    """By name; with prices as this file states them."""
+    lenses: Mapping[str, LensEntry]  # By name; with prices as this file states them
     weights: dict[str, float]
 
 

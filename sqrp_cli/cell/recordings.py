@@ -141,11 +141,9 @@ class RecordingEntry(Entry):
 class RecordedTask:
     """A recording of a workspace as a task."""
 
-    file: Path
-    """Of the recording, or its folder."""
+    file: Path  # Of the recording, or its folder
     entry: RecordingEntry
-    skill: Skill
-    """What is to be seen in an episode; its primitives are the phases, its parameter the episode."""
+    skill: Skill  # What is to be seen in an episode; its primitives are the phases, its parameter the episode
 
     @property
     def objects(self) -> Mapping[str, RecordedObjectEntry]:

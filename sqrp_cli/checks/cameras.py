@@ -21,16 +21,13 @@ from sqrp_cli.files.usual_values import FIELD_OF_VIEW, FISHEYE_VIEW, MOST_STRETC
 from sqrp_cli.geometry import Array, box_corners, inverse, transform
 from sqrp_cli.shapes import Box, Mesh, contains, half_extents
 
-MOST_BENT = 3.0
-"""By which factor a lens with polynomial distortion may bend the middle of an image's sides in or out."""
+MOST_BENT = 3.0  # By which factor a lens with polynomial distortion may bend the middle of an image's sides in or out
 MOST_ASIDE = 0.5
 """How far tangential distortion may move the middle of a side, as a share of its distance from the image's middle."""
 MOST_OFF_CENTRE = 0.25
 """How far a principal point may be from the middle of an image, as a share of the way to its edge."""
-_TOUCHING = 1e-6
-"""Share of a line of sight that may be in something that only touches it."""
-_WIDEST = 1e3
-"""Radius in the plane z = 1 that no such lens reaches."""
+_TOUCHING = 1e-6  # Share of a line of sight that may be in something that only touches it
+_WIDEST = 1e3  # Radius in the plane z = 1 that no such lens reaches
 
 
 def doubtful_images(workspace: Workspace) -> Iterator[Problem]:

@@ -41,14 +41,10 @@ from sqrp_cli.task.candidate import Candidate
 
 LARGEST, SMALLEST = 20.0, 1e-3
 """Sizes of a link's mesh, as shares of the robot's length, from which its scale is doubted."""
-ALLOWED = 1e-3
-"""How far a part may reach outside its object's `size` [m]; sizes are often rounded."""
-LONGEST_BRACKET = 0.6
-"""How far from a link that moves a camera may be that is fixed to it [m]."""
-MOST_LOOKED_AT = 50
-"""Most steps of candidates of which the whole motion is looked at."""
-FINEST = 1e-4
-"""Step to which the suggested size is rounded up [m]."""
+ALLOWED = 1e-3  # How far a part may reach outside its object's `size` [m]; sizes are often rounded
+LONGEST_BRACKET = 0.6  # How far from a link that moves a camera may be that is fixed to it [m]
+MOST_LOOKED_AT = 50  # Most steps of candidates of which the whole motion is looked at
+FINEST = 1e-4  # Step to which the suggested size is rounded up [m]
 
 
 def cell_warnings(cell: Cell) -> tuple[Problem, ...]:

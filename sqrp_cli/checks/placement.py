@@ -14,10 +14,8 @@ from sqrp_cli.files.units import shown_length
 from sqrp_cli.geometry import box_corners, pose, transform
 from sqrp_cli.shapes import Box, Mesh, PlacedBox, half_extents
 
-MIN_OVERLAP = 1e-3
-"""Depth [m] from which two objects count as being in one place."""
-LEAST_GAP = 5e-3
-"""Distance [m] from which an object does not count as standing on another one."""
+MIN_OVERLAP = 1e-3  # Depth [m] from which two objects count as being in one place
+LEAST_GAP = 5e-3  # Distance [m] from which an object does not count as standing on another one
 _MEASURE = re.compile(r"objects\.(.+)\.(?:size|pose\.position)\.\d")
 """Path of a number that says how large an object is or where; its name."""
 

@@ -25,16 +25,11 @@ from sqrp_cli.run.record.bag_recorder import camera_info, optical_frame
 if TYPE_CHECKING:
     from sqrp_cli.run.cell.simulated_cell import SimulatedCell
 
-STEP = 0.004
-"""How far the cell is simulated at a time [s]; its clock is published as often."""
-JOINTS_EVERY = 2
-"""Joint states are published with every second step."""
-STANDS, STILL_FOR = 0.002, 5
-"""An arm whose joints are all slower [rad/s] for so many steps stands."""
-SAME_START = 0.002
-"""A motion that begins this close to where a step was planned to begin is that step [rad]."""
-MOST = 1e4
-"""No joint goes so far [rad or m], or moves so [per s, per s^2]."""
+STEP = 0.004  # How far the cell is simulated at a time [s]; its clock is published as often
+JOINTS_EVERY = 2  # Joint states are published with every second step
+STANDS, STILL_FOR = 0.002, 5  # An arm whose joints are all slower [rad/s] for so many steps stands
+SAME_START = 0.002  # A motion that begins this close to where a step was planned to begin is that step [rad]
+MOST = 1e4  # No joint goes so far [rad or m], or moves so [per s, per s^2]
 _JOINT_STATE, _IMAGE = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Image"
 _INFO, _TF = "sensor_msgs/msg/CameraInfo", "tf2_msgs/msg/TFMessage"
 _TRAJECTORY, _BOOL = "trajectory_msgs/msg/JointTrajectory", "std_msgs/msg/Bool"

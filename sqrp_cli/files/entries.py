@@ -120,8 +120,7 @@ PoseMatrix = Annotated[
     Array, SerializedAs(Annotated[tuple[_Row, ...], Field(min_length=4, max_length=4)], read_only, np.ndarray.tolist)
 ]
 """A pose, shape (4, 4), which a file writes as nested rows; whether it is one is not checked."""
-MOST_DEGREES = 720.0
-"""Number up to which an angle without unit was probably meant in degrees."""
+MOST_DEGREES = 720.0  # Number up to which an angle without unit was probably meant in degrees
 
 _MEANT = {
     **dict.fromkeys(("fps", "framerate", "frame_rate", "frequency", "hz"), ("rate",)),

@@ -120,8 +120,7 @@ class SourceFile:
     """A file that a workspace was read from, as it plays a role in it, such as `cameras.cam1.calibration`."""
 
     path: Path
-    digest: str
-    """SHA-256 of its content."""
+    digest: str  # SHA-256 of its content
 
 
 def source_file(path: Path, content: bytes | None = None) -> SourceFile:

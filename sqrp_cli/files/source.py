@@ -26,17 +26,12 @@ class SourceDocument:
     """The content of a file, with the place of every key and value."""
 
     path: Path
-    content: bytes
-    """The file's bytes."""
+    content: bytes  # The file's bytes
     data: Data
-    keys: Mapping[KeyPath, Place]
-    """Place of each key; for items of a list, of the item."""
-    values: Mapping[KeyPath, Place]
-    """Start of each value's text."""
-    within: KeyPath = ()
-    """Of a part of a file, its path, which messages put before those of keys."""
-    named: Callable[[KeyPath], str] = dotted
-    """How messages name a key."""
+    keys: Mapping[KeyPath, Place]  # Place of each key; for items of a list, of the item
+    values: Mapping[KeyPath, Place]  # Start of each value's text
+    within: KeyPath = ()  # Of a part of a file, its path, which messages put before those of keys
+    named: Callable[[KeyPath], str] = dotted  # How messages name a key
 
     def part(self, at: KeyPath) -> SourceDocument:
         """The mapping at a path, as a document of its own."""

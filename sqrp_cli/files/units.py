@@ -34,8 +34,7 @@ class Dimension:
 
     name: str
     units: dict[str, float] = field(repr=False)
-    example: str
-    """An example for messages."""
+    example: str  # An example for messages
 
 
 LENGTH = Dimension("a length", _LENGTHS, "20 mm")

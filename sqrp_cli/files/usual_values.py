@@ -20,14 +20,11 @@ ROWS = Path(__file__).with_name("usual_values.yaml")
 class Usual:
     """The usual range of a field."""
 
-    at: str
-    """Its dotted path, with `*` and `*{key}` as that file says."""
+    at: str  # Its dotted path, with `*` and `*{key}` as that file says
     least: float
-    most: float
-    """In SI units."""
+    most: float  # In SI units
     dimension: Dimension | None
-    why: str
-    """Why a value beyond them is doubtful."""
+    why: str  # Why a value beyond them is doubtful
 
     def __str__(self) -> str:
         return f"{in_unit(self.least, self.dimension)} to {in_unit(self.most, self.dimension)}"

@@ -28,8 +28,7 @@ _TAG_MISMATCH = expat.errors.codes[expat.errors.XML_ERROR_TAG_MISMATCH]
 class Element:
     """An XML element."""
 
-    tag: str
-    """Of a longer one the beginning: a damaged file may have one of a million letters."""
+    tag: str  # Of a longer one the beginning: a damaged file may have one of a million letters
     attributes: dict[str, str]
     place: Place
     children: list[Element] = field(default_factory=list)

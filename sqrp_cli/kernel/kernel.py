@@ -59,10 +59,8 @@ _COLLISIONS = np.dtype(
     ]
 )  # fmt: skip
 """Counts and addresses of what may collide: see `Collisions` in `collision.hpp`."""
-MOST_LIGHTS = 8
-"""Of a call."""
-Record = NDArray[np.void]
-"""Of one of these types."""
+MOST_LIGHTS = 8  # Of a call
+Record = NDArray[np.void]  # Of one of these types
 
 
 class Form(IntEnum):
@@ -122,33 +120,26 @@ class Items(NamedTuple):
     """Questions: whether cameras see all of some consecutive boxes in a state; arrays of shape (n,)."""
 
     state: Indices
-    first: Indices
-    """The first box, by index."""
-    boxes: Indices
-    """How many there are."""
+    first: Indices  # The first box, by index
+    boxes: Indices  # How many there are
 
 
 class Loss(NamedTuple):
     """How much of what matters may be lost by one target, in two respects."""
 
-    steps: Array
-    """How much is, in each of m states in which and before which the target is not seen, shape (m, 2)."""
-    bars: Array
-    """Too much, in both respects of a row; shape (b, 2)."""
+    steps: Array  # How much is, in each of m states in which and before which the target is not seen, shape (m, 2)
+    bars: Array  # Too much, in both respects of a row; shape (b, 2)
 
 
 @dataclass(frozen=True, eq=False)
 class BoxVerdicts:
     """What c cameras make of n boxes, or of one box in n states: arrays of shape (n, c)."""
 
-    cause: NDArray[np.int8]
-    """Of `Cause` in `camera.hpp`: the first limit that fails."""
+    cause: NDArray[np.int8]  # Of `Cause` in `camera.hpp`: the first limit that fails
     by: Indices
     """The image's side, the solid that hides or shades it or is behind it, or the light that is too bright; else -1."""
-    figure: Array
-    """By how much the first failing limit is missed [m, pixels or rad]."""
-    visible: Array
-    """The visible share of the silhouette, NAN where an earlier limit failed or it was not measured."""
+    figure: Array  # By how much the first failing limit is missed [m, pixels or rad]
+    visible: Array  # The visible share of the silhouette, NAN where an earlier limit failed or it was not measured
 
 
 def joint_poses(parents: Indices, turns: Mask, terms: Array, positions: Array) -> Array:

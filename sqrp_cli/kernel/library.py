@@ -20,8 +20,7 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-SOURCES = Path(__file__).parent
-"""The folder with the sources, of which `sight.cpp` includes all others."""
+SOURCES = Path(__file__).parent  # The folder with the sources, of which `sight.cpp` includes all others
 
 # Products are not fused with sums, so that verdicts are the same on every processor.
 FLAGS = (
@@ -29,8 +28,7 @@ FLAGS = (
     *("-fno-threadsafe-statics", "-fvisibility=hidden", "-fPIC", "-shared"),
 )
 
-MOST_KEPT = 20
-"""Libraries kept in the user's cache, such as those of several checkouts."""
+MOST_KEPT = 20  # Libraries kept in the user's cache, such as those of several checkouts
 
 
 @cache

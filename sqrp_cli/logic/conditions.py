@@ -14,10 +14,8 @@ from sqrp_cli.records import dataclass
 
 Objects = Mapping[str, frozenset[str]]
 """The names of all objects with their types; ancestors of types in the domain may be left out."""
-Binding = Mapping[str, str]
-"""Object name by variable name, without question mark."""
-MAX_LITERALS = 50_000
-"""Most literals of an expanded condition; see `literal_count`."""
+Binding = Mapping[str, str]  # Object name by variable name, without question mark
+MAX_LITERALS = 50_000  # Most literals of an expanded condition; see `literal_count`
 UnmetPart: TypeAlias = Literal | str
 """A failing part of a condition: a literal, or the text of another part, an equality or a disjunction."""
 
@@ -28,8 +26,7 @@ class Joined:
 
     every: bool
     parts: tuple[GroundCondition, ...]
-    text: str = ""
-    """The condition in words, for messages, if some part is enough."""
+    text: str = ""  # The condition in words, for messages, if some part is enough
 
 
 GroundCondition: TypeAlias = Literal | Joined

@@ -14,8 +14,7 @@ from typing import Any, Literal, TypeAlias, TypeVar
 from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.records import dataclass
 
-OBJECT = "object"
-"""The type that every object has."""
+OBJECT = "object"  # The type that every object has
 
 
 @dataclass(frozen=True)
@@ -47,8 +46,7 @@ class Signature:
         return f"({' '.join([self.name, *map(str, self.parameters)])})"
 
 
-EQUAL = "="
-"""The predicate that is true if its two terms are the same object."""
+EQUAL = "="  # The predicate that is true if its two terms are the same object
 
 
 @dataclass(frozen=True)
@@ -56,8 +54,7 @@ class Holds:
     """True if the predicate holds for its arguments."""
 
     predicate: str
-    terms: tuple[str, ...]
-    """Variables with their question mark, such as `?object`, and names of constants."""
+    terms: tuple[str, ...]  # Variables with their question mark, such as `?object`, and names of constants
 
     def __str__(self) -> str:
         if self.predicate == EQUAL:
@@ -69,12 +66,10 @@ class Holds:
 class Compound:
     """A condition made of others, its parts."""
 
-    kind: Literal["not", "and", "or", "forall", "exists"]
-    """`and` without parts is true, `or` without parts is false."""
+    kind: Literal["not", "and", "or", "forall", "exists"]  # `and` without parts is true, `or` without parts is false
     parts: tuple[Condition, ...] = ()
     """One of `not`; of a quantifier, which is about all or some objects of its variables' types, its body."""
-    variables: tuple[Parameter, ...] = ()
-    """Of a quantifier."""
+    variables: tuple[Parameter, ...] = ()  # Of a quantifier
 
     def __str__(self) -> str:
         if self.variables:
@@ -109,8 +104,7 @@ class Action:
     precondition: Condition
     adds: tuple[Holds, ...]
     deletes: tuple[Holds, ...]
-    place: Place = field(compare=False)
-    """Place of its name."""
+    place: Place = field(compare=False)  # Place of its name
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,10 +112,8 @@ class Domain:
     """A PDDL domain."""
 
     path: Path
-    types: Mapping[str, str]
-    """Each declared type with its parent; `object` is the root and not among them."""
-    constants: Mapping[str, str]
-    """Each with its type."""
+    types: Mapping[str, str]  # Each declared type with its parent; `object` is the root and not among them
+    constants: Mapping[str, str]  # Each with its type
     predicates: Mapping[str, Signature]
     actions: Mapping[str, Action]
 

@@ -87,8 +87,7 @@ class Operation:
     """`always`: the part holds throughout the interval; `eventually`: at some time, which is an event of interest."""
     parts: tuple[Formula, ...]
     """The direct sub-formulas, from left to right: two or more of `and` and `or`, two of `implies`, else one."""
-    interval: Interval | None = None
-    """Of a temporal operator; None of any other."""
+    interval: Interval | None = None  # Of a temporal operator; None of any other
     origin: TextOrigin | None = field(default=None, compare=False, repr=False)
 
     def __str__(self) -> str:

@@ -11,8 +11,7 @@ from sqrp_cli.logic import formula as mtl
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.records import dataclass
 
-SAME_INSTANT = 1e-9
-"""Stretches that are closer than this [s] count as one."""
+SAME_INSTANT = 1e-9  # Stretches that are closer than this [s] count as one
 Operator = OneOf["always", "eventually"]
 
 

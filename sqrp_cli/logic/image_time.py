@@ -20,10 +20,8 @@ from sqrp_cli.records import dataclass
 Array = NDArray[np.float64]
 _GAUSS = np.array([0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5])
 """Of a piece, the two places whose mean is that of any polynomial up to the third degree over it."""
-_LATTICE = 512
-"""Combinations of phases of several rates."""
-_NARROW = 1e-9
-"""Pieces of the phase narrower than this share of a period do not count, nor shares of x."""
+_LATTICE = 512  # Combinations of phases of several rates
+_NARROW = 1e-9  # Pieces of the phase narrower than this share of a period do not count, nor shares of x
 _AT_ONCE = 100_000  # pairs of times and pieces of phases that are compared at once, for the memory
 Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
@@ -48,10 +46,8 @@ class Window:
 class Onset:
     """From when on images show what happens at a time x, at points in order; linear in between."""
 
-    x: Array
-    """When it happens, shape (n,), n >= 2 [s]."""
-    shown: Array
-    """From when on images surely show it, shape (n,), never falling [s]."""
+    x: Array  # When it happens, shape (n,), n >= 2 [s]
+    shown: Array  # From when on images surely show it, shape (n,), never falling [s]
     usual: Array | None = None
     """From when on they usually do, shape (n,), never falling, not after `shown` [s]; None if that is the same."""
 
@@ -70,16 +66,11 @@ class Onset:
 class Delays:
     """How long after x something that happens at x is noticed, x uniform, over all phases."""
 
-    mean: float | None
-    """Over the x after which an image shows it [s]; None without any."""
-    worst: float | None
-    """The supremum [s]; None where `unseen` is more than 0."""
-    noticed: float
-    """Share of x, mean over the phases, after which an image usually shows it, in 0..1."""
-    unseen: float
-    """Share of x, mean over the phases, after which no image is sure to show it, in 0..1."""
-    cost: float | None
-    """Mean of a cost of the time at which it is noticed; None where `unseen` is more than 0."""
+    mean: float | None  # Over the x after which an image shows it [s]; None without any
+    worst: float | None  # The supremum [s]; None where `unseen` is more than 0
+    noticed: float  # Share of x, mean over the phases, after which an image usually shows it, in 0..1
+    unseen: float  # Share of x, mean over the phases, after which no image is sure to show it, in 0..1
+    cost: float | None  # Mean of a cost of the time at which it is noticed; None where `unseen` is more than 0
 
 
 def delays(windows: Sequence[Window], onset: Onset, cost: Callable[[Array], Array], bends: Array) -> Delays:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from sqrp_cli.records import dataclass
 
-NOT = "not "
-"""How a negated literal begins."""
+NOT = "not "  # How a negated literal begins
 
 
 @dataclass(frozen=True, order=True)

@@ -22,10 +22,8 @@ from sqrp_cli.logic import formula as mtl
 from sqrp_cli.logic.source_text import SourceText, character_name
 from sqrp_cli.records import dataclass
 
-MAX_DEPTH = 50
-"""Deepest nesting of a formula."""
-MAX_LENGTH = 20_000
-"""Most characters of a formula."""
+MAX_DEPTH = 50  # Deepest nesting of a formula
+MAX_LENGTH = 20_000  # Most characters of a formula
 
 # A word ends where no name goes on. No keyword is a name. A hyphen belongs to a name only between letters or digits, so
 # that `a->b` is an implication.
@@ -73,8 +71,7 @@ def parse_formula(text: str, place: Place, indent: int = 0) -> mtl.Formula:
     return formula
 
 
-_Token = tuple[str, str, int]
-"""What is read at a time: its kind, its text, and where that starts."""
+_Token = tuple[str, str, int]  # What is read at a time: its kind, its text, and where that starts
 
 
 @dataclass

@@ -21,16 +21,13 @@ REQUIREMENTS = (
 _SECTIONS = (":requirements", ":types", ":constants", ":predicates", ":action")
 _ACTION_KEYS = (":parameters", ":precondition", ":effect")
 _DEFINE = re.compile(r"\(\s*define\b", re.IGNORECASE)
-_WORD = re.compile(r"^[^;\w\n]*\w", re.MULTILINE)
-"""Matches a line with a word outside comments."""
+_WORD = re.compile(r"^[^;\w\n]*\w", re.MULTILINE)  # Matches a line with a word outside comments
 _NAME = re.compile(r"[a-z][a-z0-9_-]*")
 VARIABLE = "a variable such as `?object`"
 _CONNECTIVES = ("and", "or", "not", "imply", "forall", "exists", "=", "when")
 _NUMERIC = ("increase", "decrease", "assign", "scale-up", "scale-down", "<", ">", "<=", ">=")
-MAX_DEPTH = 50
-"""Deepest nesting of lists."""
-MAX_LENGTH = 1_000_000
-"""Most characters of a file."""
+MAX_DEPTH = 50  # Deepest nesting of lists
+MAX_LENGTH = 1_000_000  # Most characters of a file
 _PART = re.compile(r";[^\n]*|[()]|[^ \t\f\r\n();]+")
 """A comment, a parenthesis or a word.
 
@@ -47,12 +44,9 @@ class Node:
     """A word or a list, with the offset of its first character."""
 
     offset: int
-    text: str = ""
-    """The word in lower case (PDDL ignores case); empty of a list."""
-    items: tuple[Node, ...] = ()
-    """Of the list."""
-    head: str = ""
-    """The first item of a list if it is a word."""
+    text: str = ""  # The word in lower case (PDDL ignores case); empty of a list
+    items: tuple[Node, ...] = ()  # Of the list
+    head: str = ""  # The first item of a list if it is a word
 
 
 def parse_domain(text: str, path: Path) -> pddl.Domain:
@@ -82,10 +76,8 @@ def parse_domain(text: str, path: Path) -> pddl.Domain:
     return _Reader(source).read(whole)
 
 
-Scope = dict[str, str]
-"""Type of each variable in scope, by its name without question mark."""
-MAX_PROBLEMS = 100
-"""Most problems of a file that are reported at once."""
+Scope = dict[str, str]  # Type of each variable in scope, by its name without question mark
+MAX_PROBLEMS = 100  # Most problems of a file that are reported at once
 
 
 @dataclass

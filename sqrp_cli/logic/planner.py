@@ -27,8 +27,7 @@ from sqrp_cli.logic.planning_task import (
 )
 from sqrp_cli.records import dataclass
 
-Plan: TypeAlias = tuple[PlanStep, ...]
-"""Steps that lead from the facts to the goal; none if it holds already."""
+Plan: TypeAlias = tuple[PlanStep, ...]  # Steps that lead from the facts to the goal; none if it holds already
 
 
 @dataclass(frozen=True)
@@ -42,8 +41,7 @@ class ProvenImpossible:
     """
 
 
-_PLATEAU = 500
-"""States that hill climbing explores for an improvement before it counts as stuck."""
+_PLATEAU = 500  # States that hill climbing explores for an improvement before it counts as stuck
 PlanningResult: TypeAlias = Plan | ProvenImpossible | GaveUp
 Planner = Callable[[Domain, Objects, frozenset[Atom], Condition, Binding], PlanningResult]
 """Finds plans, as `find_plan` does."""

@@ -42,8 +42,7 @@ class Need:
         )
 
 
-NEVER = Need(0, ((),))
-"""Holds for no set of literals."""
+NEVER = Need(0, ((),))  # Holds for no set of literals
 
 
 def joined(needs: Iterable[Need]) -> Need:
@@ -76,8 +75,7 @@ class PlanningTask:
 
     initial: int
     goal: Need
-    goal_parts: tuple[tuple[conditions.GroundCondition, Need], ...]
-    """The conjuncts of the goal, each as bits."""
+    goal_parts: tuple[tuple[conditions.GroundCondition, Need], ...]  # The conjuncts of the goal, each as bits
     actions: tuple[GroundAction, ...]
 
 
@@ -95,22 +93,16 @@ class GaveUp(Exception):  # noqa: N818 - an answer of planning, not its failure
 class Budget:
     """Limits of the work, first of making the task, then of the search."""
 
-    actions: int = 50_000
-    """Ground actions."""
-    tried: int = 500_000
-    """Choices of objects that are tried, partial ones included."""
-    literals: int = 1_000_000
-    """In all ground conditions together."""
-    bits: int = 1_000_000_000
-    """Of all actions together, two for each atom."""
-    states: int = 20_000
-    """That are explored."""
+    actions: int = 50_000  # Ground actions
+    tried: int = 500_000  # Choices of objects that are tried, partial ones included
+    literals: int = 1_000_000  # In all ground conditions together
+    bits: int = 1_000_000_000  # Of all actions together, two for each atom
+    states: int = 20_000  # That are explored
     trials: int = 20_000_000
     """Of an action in a state; one counts once more for every 500 bits of a state, because its time grows with them."""
 
 
-BUDGET = Budget()
-"""What is usually spent."""
+BUDGET = Budget()  # What is usually spent
 
 
 def planning_task(
@@ -179,8 +171,7 @@ class _Grounder:
     facts: frozenset[Atom]
     changeable: Collection[str]
     domain: Domain
-    limit: int
-    """How often an object may be tried for a parameter."""
+    limit: int  # How often an object may be tried for a parameter
     tried: int = 0
     numbers: dict[Atom, int] = field(default_factory=dict)
 

@@ -8,8 +8,7 @@ from typing import TypeAlias
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.records import dataclass
 
-LONGEST = 160
-"""Characters of a line that an excerpt shows whole."""
+LONGEST = 160  # Characters of a line that an excerpt shows whole
 _UNSEEN = ("Cc", "Cf", "Cn", "Co", "Cs", "Zl", "Zp", "Zs")
 """Unicode's categories of characters that are invisible or look like others."""
 
@@ -61,5 +60,4 @@ class SourceText:
         return Problem(code, message, self.place_at(offset), mend=mend, excerpt=f"{seen}\n{before}^")
 
 
-TextOrigin: TypeAlias = tuple[SourceText, int]
-"""A source text, and the offset in it of a parsed part's first character."""
+TextOrigin: TypeAlias = tuple[SourceText, int]  # A source text, and the offset in it of a parsed part's first character

@@ -46,8 +46,7 @@ class Truth(IntEnum):
 class Signal:
     """A truth value for every instant of [0, total]."""
 
-    starts: tuple[int, ...]
-    """From when on each value holds, in half nanoseconds as said above, ascending from 0 on."""
+    starts: tuple[int, ...]  # From when on each value holds, in half nanoseconds as said above, ascending from 0 on
     values: tuple[Truth, ...]
 
     def at(self, half: int) -> Truth:

@@ -17,8 +17,7 @@ from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.planner import Planner, PlanningResult, ProvenImpossible
 from sqrp_cli.logic.planning_task import GaveUp, Need, PlanningTask, planning_task
 
-TIME_LIMIT = 60.0
-"""Time limit of an engine [s]."""
+TIME_LIMIT = 60.0  # Time limit of an engine [s]
 
 
 def engine_planner(name: str) -> Planner:

@@ -37,8 +37,7 @@ class Contact:
     """Two links or objects that come closer than the clearance (or could, by less than a resolution of motion)."""
 
     first: str
-    second: str
-    """Names of links or objects, the outer one of the arm first."""
+    second: str  # Names of links or objects, the outer one of the arm first
     s: float = 0.0  # position on the path, in [0, 1]
     clearance: float = CLEARANCE  # distance that they have to keep [m]
     doubt: str = ""  # what makes the size of one of them doubtful, if anything does
@@ -62,15 +61,13 @@ class PlacedScene:
     model: RobotModel
     spine: Sequence[int]
     rods: Mapping[str, tuple[int, ...]]
-    radii: Array
-    """What moves each link, as `CollisionScene` says."""
+    radii: Array  # What moves each link, as `CollisionScene` says
     solids: tuple[Solid, ...]
     frame: Indices  # the joint that carries the parent of each, -1 for none, shape (B,)
     X_FP: Array  # pose of the parent of each on that, shape (B, 4, 4)
     depth: tuple[int, ...]  # how many joints of the spine move each
     inner: Indices
-    outer: Indices
-    """Indices of the solids of each pair, the outer one of the arm in `outer`, shape (P,)."""
+    outer: Indices  # Indices of the solids of each pair, the outer one of the arm in `outer`, shape (P,)
     clearance: Array  # distance that each pair has to keep [m], shape (P,)
     fingers: Array  # positions of the fingers' joints, shape (f,)
     doubts: Mapping[str, str] = field(default_factory=dict)  # what makes the sizes of some objects doubtful, by name

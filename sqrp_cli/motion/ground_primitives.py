@@ -45,8 +45,7 @@ class GroundPrimitive:
     kind: type[PrimitiveAction]
     to: str | None
     X_start: Array
-    X_end: Array
-    """Pose X_WT of the tool frame when it begins and ends, shape (4, 4)."""
+    X_end: Array  # Pose X_WT of the tool frame when it begins and ends, shape (4, 4)
     world: World  # poses of objects, and the held one, during it
     home: bool = False
     """A joint move to the home configuration.
@@ -62,8 +61,7 @@ class GroundPrimitive:
     """Of a joint move: the motion parameters that leave its branch free, by `elbow`, `shoulder`, `wrist`."""
     speed: float = 0.0
     acceleration: float = 0.0
-    jerk: float = 0.0
-    """Of the primitive: a share for joint moves, in m and s for straight ones, otherwise 0."""
+    jerk: float = 0.0  # Of the primitive: a share for joint moves, in m and s for straight ones, otherwise 0
     turn_speed: float | None = None  # how fast the tool may turn on a curve [rad/s], None if only its joints limit that
     curves: tuple[ToolCurve, ...] = ()
     """Of a move of the tool: what it moves along, with a stop after each; empty for all else."""

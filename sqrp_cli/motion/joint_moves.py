@@ -91,8 +91,7 @@ def fastest_sequence(
 
 _Siblings = tuple[tuple[int, ...], tuple[float, ...], Array, Iterator[int]]
 """What gives the sequences that differ in the last branch: as `push` takes it."""
-FoundMove = tuple[Trajectory, str | None]
-"""A move between two branches, and the obstacle that it goes around, if any."""
+FoundMove = tuple[Trajectory, str | None]  # A move between two branches, and the obstacle that it goes around, if any
 _How = Literal["direct", "through", "around"]
 
 

@@ -43,8 +43,7 @@ class TimedPrimitive:
 
     name: str
     start: float
-    end: float
-    """[s] from the start of the motion."""
+    end: float  # [s] from the start of the motion
     trajectory: Trajectory  # of the driven joints, from 0 to end - start
     held: str | None
     """The object in the tool during it, None if there is none: grasp attaches and release detaches at `end`."""

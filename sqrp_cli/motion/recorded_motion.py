@@ -30,8 +30,7 @@ from sqrp_cli.shapes import Mesh, PlacedBox, half_extents
 from sqrp_cli.skill.skill import SkillChoice
 from sqrp_cli.trajectory import JointPath, PiecewiseCubic, Trajectory
 
-REACH = 0.05
-"""Farther than this from the tool frame, an object is not what the tool grasps: it closes on nothing [m]."""
+REACH = 0.05  # Farther than this from the tool frame, an object is not what the tool grasps: it closes on nothing [m]
 SPEED_OVER, CONTACT_STEP = 0.05, 0.01
 """Times [s] over which speeds of recorded joints are measured, and between instants at which contacts are checked."""
 
@@ -49,8 +48,7 @@ class RecordedMotions:
     """The motions of a recording's episodes, by the parameter `episode`."""
 
     task: RecordedTask
-    objects: Mapping[str, SceneObject]
-    """Those of the cell."""
+    objects: Mapping[str, SceneObject]  # Those of the cell
 
     @cached_property
     def _state(self) -> str:

@@ -43,11 +43,9 @@ class Section:
     """A joint move (none at the start of the motion) and the primitives tied to its end, up to the next joint move."""
 
     move: GroundPrimitive | None
-    first: int
-    """Index of the first tied primitive in the skill."""
+    first: int  # Index of the first tied primitive in the skill
     tied: tuple[GroundPrimitive, ...]
-    is_fixed: bool
-    """Whether it begins at given joint positions, not at a tool pose."""
+    is_fixed: bool  # Whether it begins at given joint positions, not at a tool pose
 
     @property
     def legs(self) -> list[tuple[int, GroundPrimitive, ToolCurve]]:
@@ -69,11 +67,9 @@ class Ways:
     begun: tuple[Begun, ...]  # by branch
     names: tuple[Names, ...]  # of each branch at the end of the joint move; empty where nothing is free
     of: Indices  # index of the branch of each way, of which each has one or more, shape (k,)
-    turns: Array
-    """Offsets by whole turns of joints that keep all of each way within the joints' limits, shape (k, n)."""
+    turns: Array  # Offsets by whole turns of joints that keep all of each way within the joints' limits, shape (k, n)
     q_start: Array
-    q_end: Array
-    """Where each begins and ends, shape (k, n)."""
+    q_end: Array  # Where each begins and ends, shape (k, n)
 
 
 @dataclass(eq=False, kw_only=True)
@@ -82,14 +78,12 @@ class MotionProblem:
 
     model: RobotModel
     primitives: Sequence[GroundPrimitive]
-    scenes: Sequence[PlacedScene]
-    """The surroundings of each."""
+    scenes: Sequence[PlacedScene]  # The surroundings of each
     sections: Sequence[Section]
     final: World  # after the skill, with the joints from before
     q_start: Array  # where the arm begins, shape (n,)
     seed: int
-    redundancy_samples: int
-    """As of `all_solutions`."""
+    redundancy_samples: int  # As of `all_solutions`
     failures: list[tuple[int, str]] = field(default_factory=list)
     """Why branches fail, each with the index of the failing primitive."""
     out_of_reach: bool = False  # whether a waypoint is, obstacles ignored

@@ -39,8 +39,7 @@ class ToolCurve:
 
     word: str  # what messages call it, such as `straight line`
     X_start: Array
-    X_end: Array
-    """Poses X_WT of the tool frame, shape (4, 4)."""
+    X_end: Array  # Poses X_WT of the tool frame, shape (4, 4)
     along: Array  # how far its origin goes along a straight line [m], shape (3,)
     turn: Array  # rotation vector of the tool's turn, in world axes [rad], shape (3,)
     around: Array = field(default_factory=lambda: np.zeros(3))

@@ -32,8 +32,7 @@ class WaypointGrounder:
     binding: Mapping[str, str]  # the object of each skill parameter
     values: Mapping[str, MotionValue]  # of the motion parameters
     objects: Mapping[str, SceneObject]
-    X_WH: Array
-    """Pose of the tool frame at home."""
+    X_WH: Array  # Pose of the tool frame at home
     X_WO: Mapping[str, Array]  # poses of the objects whose place is known
     X_TO: Mapping[str, Array]  # poses in the tool frame of the objects that are held, or were last
     _found: dict[str, Array] = field(default_factory=dict, init=False)

@@ -16,12 +16,9 @@ from sqrp_cli.recording.episode import MOST_NUMBERS, STEP_BACK, Recording, alone
 from sqrp_cli.ros.bag import Bag, check_kind
 
 JOINTS = "sensor_msgs/msg/JointState"
-MOST_STATES = 2_000_000
-"""Most joint states that are read: those of an hour at 500 Hz."""
-STANDARD = "/joint_states"
-"""The topic on which the states of a whole robot usually are."""
-LEAST_SHARE = 0.5
-"""Of the longest time for which a joint is known."""
+MOST_STATES = 2_000_000  # Most joint states that are read: those of an hour at 500 Hz
+STANDARD = "/joint_states"  # The topic on which the states of a whole robot usually are
+LEAST_SHARE = 0.5  # Of the longest time for which a joint is known
 JointTracks: TypeAlias = Mapping[tuple[str, str], tuple[Array, Array]]
 """Where joints were, as recorded: by topic and name, times of a clock [s] and positions, (n,); linear in between."""
 

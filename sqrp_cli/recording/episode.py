@@ -17,12 +17,10 @@ MOST_NUMBERS, MOST_NAMES = 20_000_000, 1000
 """Most numbers that are in memory at once, those of 20 joints at 100 Hz for nearly three hours; most names."""
 STEP_BACK, LONGEST = 0.1, 12 * 3600.0
 """A clock that goes back by more [s] is not that of one motion, nor is one that spans more [s]."""
-GAP, GAP_STEPS = 0.5, 5.0
-"""A pause between states is told from this on [s], if it is as many usual steps, too."""
+GAP, GAP_STEPS = 0.5, 5.0  # A pause between states is told from this on [s], if it is as many usual steps, too
 SLOW, FEW = 1.0, 10
 """States that are usually farther apart [s] are told, unless they are so few, as points that somebody taught are."""
-HELD = "held"
-"""A name of programs and logs beside their joints: 1 while the tool holds something, else 0."""
+HELD = "held"  # A name of programs and logs beside their joints: 1 while the tool holds something, else 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,7 @@ from sqrp_cli.robot.kinematics import RobotModel
 
 UNITS: Mapping[str, tuple[float, Dimension]] = {"deg": (radians(1.0), ANGLE), "mm": (1e-3, LENGTH)}
 """What a 1 in these units of a recording means [rad or m], and of which joints it can be a position."""
-EMPTY = 0.02
-"""Of the way from closed to open fingers: within it nothing is between them."""
+EMPTY = 0.02  # Of the way from closed to open fingers: within it nothing is between them
 
 
 def joint_positions(

@@ -17,8 +17,7 @@ from sqrp_cli.cell.recordings import GRASP_PHASES
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.records import dataclass
 
-SHORTEST_HOLD = 0.2
-"""Shorter than this, nothing is held [s]."""
+SHORTEST_HOLD = 0.2  # Shorter than this, nothing is held [s]
 SHORTEST_PHASE = 0.5
 """A grasp begins at least this long before something is held, and a release lasts at least as long [s], where there is
 time: before and after, images tell whether it worked."""
@@ -33,14 +32,10 @@ SETTLED = 0.1  # of the way between open and closed: it has arrived when no more
 class Grasp:
     """Something taken and let go; all in seconds from the start of the episode."""
 
-    closing: float
-    """When the gripper begins to close."""
-    start: float
-    """From when it holds."""
-    end: float | None
-    """When it begins to open, or shuts on nothing; None where it holds to the end."""
-    opened: float
-    """When it is open again, or shut; the end where it never is."""
+    closing: float  # When the gripper begins to close
+    start: float  # From when it holds
+    end: float | None  # When it begins to open, or shuts on nothing; None where it holds to the end
+    opened: float  # When it is open again, or shut; the end where it never is
 
 
 class Phase(NamedTuple):

@@ -27,8 +27,7 @@ from sqrp_cli.recording.episode import HELD, MOST_NUMBERS, Episode, Recording, a
 
 MAX_BYTES = 200_000_000
 """Largest log or table that is read; with six cameras a second of a run takes some 7 kB, so this is eight hours."""
-MAX_LINE, MAX_LINES = 10_000_000, 1_000_000
-"""Most bytes of a line that is read, and most lines of a log."""
+MAX_LINE, MAX_LINES = 10_000_000, 1_000_000  # Most bytes of a line that is read, and most lines of a log
 RATE = 100.0
 """Of the states that are read of a program [Hz], whose motion is exact; there are more where a primitive begins."""
 _WITHIN: tuple[KeyPath, ...] = ((), ("joint_trajectory",), ("trajectory",), ("trajectory", "joint_trajectory"))
@@ -37,14 +36,12 @@ _TIME = re.compile(r"(?i)(time|time_?stamp|stamp|t|secs?|seconds|time_from_start
 _EPISODE = re.compile(r"(?i)episode(_?(index|id|number))?")
 _DIVISORS = {"ns": 1e9, "us": 1e6, "µs": 1e6, "ms": 1e3}
 _UNITS = {"deg": r"(?i)\bdeg|_deg|°", "rad": r"(?i)\brad|_rad", "percent": r"(?i)%|percent", "mm": r"(?i)(\b|_)mm\b"}
-_AHEAD = 1000
-"""Rows among which the first cell of a column tells whether it has numbers, if it is empty in those above."""
+_AHEAD = 1000  # Rows among which the first cell of a column tells whether it has numbers, if it is empty in those above
 _RAPID, _UNUSED = re.compile(r"(?i)(.*[._])?(rax_\d|eax_[a-f])"), 8.9e9
 """Axes as RAPID names them, in degrees; it writes 9E9 for those that are not there."""
 _NUMBERED, _TURN = re.compile(r"(?i)(j|joint|a|axis|q)[\s_]?\d"), 6.4
 """Joints that are numbered are in degrees if any of them goes beyond this: hardly one turns so far [rad]."""
-_OURS = "position_"
-"""Leads the positions in our own tables, which have velocities and accelerations, too."""
+_OURS = "position_"  # Leads the positions in our own tables, which have velocities and accelerations, too
 
 
 def open_table(path: Path, rate: float | None, _signal: str | None) -> Recording:

@@ -53,13 +53,11 @@ class Scene:
     """An MJCF as MuJoCo compiles it, without its meshes, and what of it a robot can be."""
 
     model: mujoco.MjModel
-    meshes: Mapping[str, MeshFile | None]
-    """Of each geom that had one, by name; None for one that is left out."""
+    meshes: Mapping[str, MeshFile | None]  # Of each geom that had one, by name; None for one that is left out
     weighed: frozenset[str]  # the bodies whose mass follows from no mesh
     unnamed: frozenset[str]  # the bodies to which the file gives no name
     path: Path
-    lost: dict[str, list[str]]
-    """Names of what becomes something else, or nothing, by what is said about it."""
+    lost: dict[str, list[str]]  # Names of what becomes something else, or nothing, by what is said about it
 
     @property
     def touching(self) -> NDArray[np.bool_]:

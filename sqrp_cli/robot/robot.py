@@ -55,8 +55,7 @@ class Tool:
 
     urdf: UrdfModel  # its links and joints
     link: str
-    X_LT: Array
-    """Pose of its root link in `link`, shape (4, 4)."""
+    X_LT: Array  # Pose of its root link in `link`, shape (4, 4)
     file: Path | None  # the URDF that describes it; None for a tool of boxes
 
 

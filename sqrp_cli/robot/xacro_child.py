@@ -66,8 +66,7 @@ class _Expansion:
     arguments: dict[str, str]
     roots: list[Path]
     search: list[Path]
-    at: Place
-    """Of what is being expanded."""
+    at: Place  # Of what is being expanded
     packages: dict[str, Path] = field(default_factory=dict)
     asked: dict[str, str | None] = field(default_factory=dict)
     warnings: list[Problem] = field(default_factory=list)

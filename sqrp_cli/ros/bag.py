@@ -18,21 +18,17 @@ from sqrp_cli.errors import InputError, Place, bad_input, needed
 from sqrp_cli.platform.files import naming
 from sqrp_cli.ros.messages import Message, MessageError, Ros, message_types, nanoseconds
 
-METADATA = "metadata.yaml"
-"""The file of a rosbag2 folder that tells what is in it."""
-_MCAP = b"\x89MCAP0\r\n"
-"""How files of MCAP begin and end."""
+METADATA = "metadata.yaml"  # The file of a rosbag2 folder that tells what is in it
+_MCAP = b"\x89MCAP0\r\n"  # How files of MCAP begin and end
 _ROS1, _ROS2 = b"#ROSBAG V", (_MCAP[:5], b"SQLite format 3\0")
 """How recordings begin."""
-SUFFIXES = (".mcap", ".bag")
-"""Of the files that `BagWriter` writes: MCAP as ROS 2 does, and bags of ROS 1."""
+SUFFIXES = (".mcap", ".bag")  # Of the files that `BagWriter` writes: MCAP as ROS 2 does, and bags of ROS 1
 _INSTALL = "pip install 'sqrp[bags]'"
 _KINDS = {".mcap": "MCAP file", ".bag": "bag of ROS 1", ".db3": "file of rosbag2 (SQLite)"}
 """What a file is by the end of its name."""
 _LARGEST_CHUNK, _LARGEST_METADATA = 1 << 28, 1_000_000
 """Bytes that a chunk of a recording may have unpacked (recorders make them of a megabyte); characters of metadata."""
-_DEEPEST_METADATA = 100
-"""Mappings and lists of metadata that may be within one another."""
+_DEEPEST_METADATA = 100  # Mappings and lists of metadata that may be within one another
 
 
 def is_bag(path: Path) -> bool:

@@ -16,10 +16,8 @@ from xml.sax.saxutils import quoteattr
 from sqrp_cli.errors import bad_input, needed
 from sqrp_cli.ros.messages import Inbox, Message, MessageTypes, Send, Topic, message_types
 
-_PEERS = 40
-"""Most participants on this computer, where multicast is off."""
-_TAKEN = 64
-"""Most messages that are taken from a reader at a time."""
+_PEERS = 40  # Most participants on this computer, where multicast is off
+_TAKEN = 64  # Most messages that are taken from a reader at a time
 
 
 class DdsTransport:
@@ -160,8 +158,7 @@ class DdsTransport:
                         inbox.put(data)
 
 
-_DOMAINS: dict[int, Any] = {}
-"""A process sets up each domain once."""
+_DOMAINS: dict[int, Any] = {}  # A process sets up each domain once
 
 
 @cache

@@ -22,14 +22,11 @@ if TYPE_CHECKING:
 
 Message: TypeAlias = Any
 """A record of a type that the store made, with the fields that its definition names; arrays of numbers are NumPy's."""
-Ros = Literal[1, 2]
-"""Which ROS: its types differ a little, its bytes much."""
+Ros = Literal[1, 2]  # Which ROS: its types differ a little, its bytes much
 LONGEST_LOOK = 0.03
 """Of the time between two looks for messages so much counts [s]; the rest is a pause of this process."""
-LONGEST_SEQUENCE = 1 << 26
-"""Most elements of a sequence in a message that is read: an image of 64 million bytes."""
-_TF = "geometry_msgs/TransformStamped[] transforms"
-"""Of tf2_msgs/TFMessage, which the store lacks in ROS 1."""
+LONGEST_SEQUENCE = 1 << 26  # Most elements of a sequence in a message that is read: an image of 64 million bytes
+_TF = "geometry_msgs/TransformStamped[] transforms"  # Of tf2_msgs/TFMessage, which the store lacks in ROS 1
 
 
 class MessageError(SqrpError):
@@ -122,8 +119,7 @@ def transform_message(types: MessageTypes, ns: int, parent: str, child: str, X: 
     return types.make(name, header=header, child_frame_id=child, transform=transform)
 
 
-Send = Callable[[Message], None]
-"""Sends a message to whoever reads the topic; returns at once."""
+Send = Callable[[Message], None]  # Sends a message to whoever reads the topic; returns at once
 
 
 @dataclass(frozen=True, kw_only=True)

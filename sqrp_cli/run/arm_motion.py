@@ -16,27 +16,20 @@ from sqrp_cli.trajectory import PiecewiseCubic, Trajectory
 
 LEAST_STOP, FINENESS = 0.05, 1.02
 """The shortest duration of a stop [s], and the factor to one that is too short at which the search for it ends."""
-LIMIT_SLACK = 1.01
-"""Factor by which a stop may exceed the limits between its samples."""
-HALT = 0.01
-"""In what time a guarded move comes to rest at contact [s]."""
+LIMIT_SLACK = 1.01  # Factor by which a stop may exceed the limits between its samples
+HALT = 0.01  # In what time a guarded move comes to rest at contact [s]
 JOINT_MOVE = "JointMove"
 """The action of a primitive after which the arm is where it was planned to be, whatever contact did before."""
-_RAMP = 0.4
-"""Share of a stop in which the deceleration goes to its peak, and as much in which it falls to zero."""
-_ON = PiecewiseCubic(np.array([0.0, 1.0]), np.array([[0.0, 1.0, 0.0, 0.0]]))
-"""A clock that goes on at its usual rate."""
+_RAMP = 0.4  # Share of a stop in which the deceleration goes to its peak, and as much in which it falls to zero
+_ON = PiecewiseCubic(np.array([0.0, 1.0]), np.array([[0.0, 1.0, 0.0, 0.0]]))  # A clock that goes on at its usual rate
 
 
 class JointStates(NamedTuple):
     """Where joints are, and how they move."""
 
-    positions: Array
-    """[rad or m]."""
-    velocities: Array
-    """[rad/s or m/s]."""
-    accelerations: Array
-    """[rad/s^2 or m/s^2]."""
+    positions: Array  # [rad or m]
+    velocities: Array  # [rad/s or m/s]
+    accelerations: Array  # [rad/s^2 or m/s^2]
 
 
 class ArmReference(Protocol):
@@ -276,14 +269,10 @@ class PathStop:
     t: float
     tau: float
     duration: float
-    stands: float
-    """When the arm stands [s]."""
-    last: float
-    """What the clock never passes [s]."""
-    law: PiecewiseCubic
-    """The clock, less tau, over the time since t, both as shares of the duration."""
-    protective: bool
-    """Whether it may go to the limits of a protective stop."""
+    stands: float  # When the arm stands [s]
+    last: float  # What the clock never passes [s]
+    law: PiecewiseCubic  # The clock, less tau, over the time since t, both as shares of the duration
+    protective: bool  # Whether it may go to the limits of a protective stop
 
 
 def slowing(rate: float, change: float) -> PiecewiseCubic:

@@ -28,8 +28,7 @@ FaultKind = Literal[
 ]  # fmt: skip
 
 
-SAME_TIME = 1e-6
-"""Tolerance of times [s]."""
+SAME_TIME = 1e-6  # Tolerance of times [s]
 Form: TypeAlias = tuple[str, str, str]
 """How a kind of fault is written: examples, for messages; a pattern of what follows the name; and that in words."""
 _SLIP = r"@(?:(?P<primitive>[A-Za-z_][\w -]*)(?:\+(?P<offset>.+)|(?P<random>:random))?|(?P<time>[.\d].*))"
@@ -50,8 +49,7 @@ _SERVED_FORMS: Mapping[FaultKind, Form] = {
     "joints-latency": ("joints-latency=0.5", _BY, "by how much joint states are late"),
 }
 """Of a cell that is served: its joint states can fail, but the processes that look at its images are not its own."""
-PHYSICAL = ("slip", "miss-pick")
-"""Faults of the step; the others are faults of cameras."""
+PHYSICAL = ("slip", "miss-pick")  # Faults of the step; the others are faults of cameras
 _STEP = re.compile(r"(?P<number>[0-9]{1,9}):(?P<bare>.*)", re.DOTALL)
 Piece: TypeAlias = tuple[int, ProgramPrimitive]
 """A piece of motion of a program: the number of its step, from 1, and the primitive."""
@@ -65,12 +63,9 @@ class InjectedFault:
     text: str
     t: float | None = None
     """When [s], from the start of its step's motion; None for one that waits for an event (a grasp, the start)."""
-    camera: str | None = None
-    """Which one, for faults of cameras."""
-    delay: float = 0.0
-    """By how much its images are late [s]."""
-    step: int = 1
-    """Its number, from 1."""
+    camera: str | None = None  # Which one, for faults of cameras
+    delay: float = 0.0  # By how much its images are late [s]
+    step: int = 1  # Its number, from 1
 
 
 class _FaultText:

@@ -14,16 +14,12 @@ from sqrp_cli.records import dataclass
 
 ImageArray = NDArray[np.uint8]
 """Red, green and blue, shape (height, width, 3); pixel (0, 0) is the centre of the first one, at the top left."""
-SUBPIXEL = 4
-"""Fractional bits of the corners of polygons that OpenCV draws."""
-Corners = NDArray[np.int32]
-"""Corners of polygons in sixteenths of a pixel."""
+SUBPIXEL = 4  # Fractional bits of the corners of polygons that OpenCV draws
+Corners = NDArray[np.int32]  # Corners of polygons in sixteenths of a pixel
 MOST_SIMULATED = 16_000_000
 """Most pixels of an image that is simulated; each drawing process needs some 100 bytes for each of them."""
-MOST_SIMULATED_TOGETHER = 64_000_000
-"""Most pixels of one image of every camera."""
-MOST_RECORDED = 64_000_000
-"""Most pixels of a recorded image that is looked at."""
+MOST_SIMULATED_TOGETHER = 64_000_000  # Most pixels of one image of every camera
+MOST_RECORDED = 64_000_000  # Most pixels of a recorded image that is looked at
 NEEDED = ("cv2", "sqrp_cli.run.perception.image_detector", "sqrp_cli.run.cell.render_pool")
 """What processes that draw and look at images import, for `platform.processes.fresh`.
 
@@ -35,10 +31,8 @@ MuJoCo is not among it: what it opens to draw must not be shared.
 class CameraImage:
     """One image of one camera: all that perception ever learns of a cell."""
 
-    camera: str
-    """Its name."""
-    t: float
-    """Time of exposure [s]."""
+    camera: str  # Its name
+    t: float  # Time of exposure [s]
     image: ImageArray
 
 

@@ -30,10 +30,8 @@ from sqrp_cli.run.robot_body import OPEN_SHARE, RobotBody
 if TYPE_CHECKING:
     from sqrp_cli.run.cell import RunnableCell
 
-MOST_COMMANDS = 20
-"""Most commands to the tool that are remembered."""
-FEELING = 0.004
-"""Time between looks at the force of a guarded move [s]."""
+MOST_COMMANDS = 20  # Most commands to the tool that are remembered
+FEELING = 0.004  # Time between looks at the force of a guarded move [s]
 SAME_INSTANT = 0.0015
 """Times that are closer are one [s]: the simulation steps by 2 ms, and takes images at the nearest step."""
 Due: TypeAlias = Literal["grasp", "release", "released"] | ProgramPrimitive | InjectedFault
@@ -41,8 +39,7 @@ Due: TypeAlias = Literal["grasp", "release", "released"] | ProgramPrimitive | In
 Moment: TypeAlias = tuple[float | None, Mapping[str, bool], bool]
 """What a run knows of a time: that of the step's motion [s], None before it; the true values of all atoms, in a real
 cell the planned ones; and whether the tool was commanded to hold."""
-FRESH_PERIODS = 1.5
-"""What an image shows counts for this many frame periods of its camera."""
+FRESH_PERIODS = 1.5  # What an image shows counts for this many frame periods of its camera
 
 
 class EvidenceCollector:

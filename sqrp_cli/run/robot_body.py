@@ -16,8 +16,7 @@ from sqrp_cli.robot.kinematics import JointTree
 from sqrp_cli.robot.robot import Fingers, Robot
 from sqrp_cli.shapes import Mesh, Part, surface
 
-OPEN_SHARE = 0.25
-"""Fingers count as open while they are closed by no more than this share of their way."""
+OPEN_SHARE = 0.25  # Fingers count as open while they are closed by no more than this share of their way
 _SIDES = 24
 """Corners of the polygons that stand for circles in outlines.
 
@@ -34,10 +33,8 @@ _DETAIL, CELL = 64, 0.002
 class Surface:
     """The surface of a solid part of a link or an object."""
 
-    parent: str
-    """The link or object."""
-    vertices: Array
-    """In the frame of the parent [m], shape (V, 3)."""
+    parent: str  # The link or object
+    vertices: Array  # In the frame of the parent [m], shape (V, 3)
     triangles: NDArray[np.int64] | None
     """Indices into the vertices, shape (F, 3); None for a convex part, whose outline is the hull of its vertices."""
 
@@ -75,13 +72,10 @@ class RobotBody:
     """A robot with its tool, placed in the world."""
 
     tree: JointTree
-    rest: Mapping[str, float]
-    """Position of joints that no encoder reports and that follow no other one [rad or m]."""
+    rest: Mapping[str, float]  # Position of joints that no encoder reports and that follow no other one [rad or m]
     surfaces: tuple[Surface, ...]
-    tool_frame: str
-    """The link that grasps."""
-    fingers: Fingers | None
-    """Of its gripper; None if it has none that move."""
+    tool_frame: str  # The link that grasps
+    fingers: Fingers | None  # Of its gripper; None if it has none that move
 
     @classmethod
     def load(cls, robot: Robot) -> RobotBody:

@@ -34,24 +34,18 @@ from sqrp_cli.run.robot_body import RobotBody
 if TYPE_CHECKING:
     from sqrp_cli.run.cell import RunnableCell
 
-LOOK_AGAIN = 2.0
-"""How long the robot stands and waits for the condition of a retry to be seen [s]."""
-ELSEWHERE = 0.05
-"""How far from where it is meant to be at the end a part is that was dropped [m]."""
-SPACING = 0.05
-"""Sampling period of a motion in the search for a viewpoint [s]."""
+LOOK_AGAIN = 2.0  # How long the robot stands and waits for the condition of a retry to be seen [s]
+ELSEWHERE = 0.05  # How far from where it is meant to be at the end a part is that was dropped [m]
+SPACING = 0.05  # Sampling period of a motion in the search for a viewpoint [s]
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
     """What is kept of a run, and its listeners."""
 
-    listeners: Sequence[Listener] = ()
-    """Called with each event as it happens."""
-    images: ImageRecorder | None = None
-    """Receives every image with its detections."""
-    states: bool = False
-    """Whether the events include the true poses; the run itself is the same."""
+    listeners: Sequence[Listener] = ()  # Called with each event as it happens
+    images: ImageRecorder | None = None  # Receives every image with its detections
+    states: bool = False  # Whether the events include the true poses; the run itself is the same
     spectator: Any = None
     """Somebody who looks on, and may let slip what the tool holds: where `wants_slip()` says so, it slips now.
 

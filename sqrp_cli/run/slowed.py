@@ -12,8 +12,7 @@ from sqrp_cli.logic.image_time import Onset, Window
 from sqrp_cli.program.record import Step
 from sqrp_cli.trajectory import Trajectory
 
-_INTERVAL = re.compile(r"(?<=\[)[^\[\]]*(?=\])")
-"""The bounds of an interval in the text of a formula."""
+_INTERVAL = re.compile(r"(?<=\[)[^\[\]]*(?=\])")  # The bounds of an interval in the text of a formula
 _TIMES = ("time", "start", "end", "seen", "usual", "refuted")
 """Fields with times that are as many times as long; how late an image is, how often one is taken, and how long a
 literal may lag stay as they are."""

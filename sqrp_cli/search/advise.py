@@ -33,8 +33,7 @@ from sqrp_cli.study.verdict import longest_blind_spot
 from sqrp_cli.study.whole_analysis import WholeAnalysis, reasons_of_step, whole_analysis, worst_seen
 from sqrp_cli.task.feasibility import impossible_start
 
-MOST_OBJECTS = 3
-"""Objects that are moved: those that are handled, then those that hide most."""
+MOST_OBJECTS = 3  # Objects that are moved: those that are handled, then those that hide most
 Remembered = Callable[[Kind, Callable[[], KindOutcome]], KindOutcome]
 """What came of a kind in a run before, or what the search finds now, which is kept for runs after this one."""
 

@@ -19,8 +19,7 @@ from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import Solid, distance, load_solid
 
 _PLACES_TOGETHER = 400_000  # places to compare with a solid at once, counted in every state, to bound the memory
-_PARALLEL = 1e-9
-"""Sine of the angle below which a direction has no side, as in `geometry.look_at`."""
+_PARALLEL = 1e-9  # Sine of the angle below which a direction has no side, as in `geometry.look_at`
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +73,7 @@ def whole_millimetres(vector: Array) -> Array:
     return rounded
 
 
-CAMERA_RADIUS = 0.03
-"""Radius of the ball around a camera's centre that must be clear of everything [m]."""
+CAMERA_RADIUS = 0.03  # Radius of the ball around a camera's centre that must be clear of everything [m]
 
 
 def free_for_cameras(cell: Cell, swept: Sequence[SceneStates], eyes: Array, present: Array | None = None) -> Mask:

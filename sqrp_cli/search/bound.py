@@ -21,8 +21,7 @@ from sqrp_cli.study.stage import Samples, states_of
 from sqrp_cli.study.timeline import Timeline
 from sqrp_cli.task.pieces import fault_intervals
 
-MOST_SAMPLES = 64
-"""Samples to begin with; those at which an exact timeline fails come on top."""
+MOST_SAMPLES = 64  # Samples to begin with; those at which an exact timeline fails come on top
 
 
 class CameraBound:

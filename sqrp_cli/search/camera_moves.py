@@ -26,18 +26,12 @@ from sqrp_cli.study.whole_analysis import WholeAnalysis
 CameraKind = Literal["aim", "position", "lens", "camera"]
 LENS_STEP, LENS_STRIDE = radians(0.1), 10
 """Views are proposed in whole steps [rad]; first so many of them at once are tried."""
-WIDEST, NARROWEST = radians(120), radians(2)
-"""Horizontal fields of view that are proposed [rad]."""
-_COMPARED_POSES = 400
-"""Poses that are compared where none meets the goal, to name what comes nearest."""
-_ROOM = (0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2)
-"""Distances by which a further camera may be off [m] that are tried."""
-_DISTANCES = (0.5, 0.75, 1.0, 1.35, 1.8)
-"""Distances of a further camera from what it must see [m]."""
-_DIRECTIONS = 90
-"""Directions, over the upper half, in which a further camera may be."""
-_PLACES_DECIDED = 12
-"""Places of a further camera that are decided, at most."""
+WIDEST, NARROWEST = radians(120), radians(2)  # Horizontal fields of view that are proposed [rad]
+_COMPARED_POSES = 400  # Poses that are compared where none meets the goal, to name what comes nearest
+_ROOM = (0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2)  # Distances by which a further camera may be off [m] that are tried
+_DISTANCES = (0.5, 0.75, 1.0, 1.35, 1.8)  # Distances of a further camera from what it must see [m]
+_DIRECTIONS = 90  # Directions, over the upper half, in which a further camera may be
+_PLACES_DECIDED = 12  # Places of a further camera that are decided, at most
 _SHORTER = (0.999, 0.99, 0.97, 0.9)
 _WIDER = tuple((LENS_STEP * np.arange(5, 305, 15)).tolist())
 _BOUNDS: dict[CameraKind, Bounds] = {

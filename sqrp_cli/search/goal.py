@@ -17,20 +17,15 @@ if TYPE_CHECKING:
     from sqrp_cli.cell.workspace import ExpectedTask
 
 Kind = Literal["way", "path", "object", "aim", "position", "lens", "camera"]
-Unit = Literal["m", "rad", "camera", ""]
-"""Of the size of a change; empty where there is nothing to measure."""
+Unit = Literal["m", "rad", "camera", ""]  # Of the size of a change; empty where there is nothing to measure
 KINDS: tuple[Kind, ...] = ("way", "path", "object", "aim", "position", "lens", "camera")
 """In the order in which they are thought of: the motion first, then what it handles, cameras last."""
-MOTION: tuple[Kind, ...] = ("way", "path")
-"""Those that change nothing in the cell."""
-Objective = Literal["least", "mean"]
-"""Which quality of all candidates counts."""
+MOTION: tuple[Kind, ...] = ("way", "path")  # Those that change nothing in the cell
+Objective = Literal["least", "mean"]  # Which quality of all candidates counts
 QUALITIES = ("q_eoi", "q_avg")
 TIMES = ("time", "delay")
-NAMES = (*QUALITIES, *TIMES)
-"""The figures that a goal may be about."""
-_NEVER = 1e3
-"""A fault that is never noticed misses the delay of a goal as if it took so many times as long."""
+NAMES = (*QUALITIES, *TIMES)  # The figures that a goal may be about
+_NEVER = 1e3  # A fault that is never noticed misses the delay of a goal as if it took so many times as long
 
 
 def read_kinds(names: Sequence[str] | None) -> tuple[Kind, ...] | None:

@@ -35,14 +35,10 @@ Move: TypeAlias = CameraMove | ObjectMove
 
 MOST_MORE = {"m": 0.3, "rad": np.radians(30)}
 """A change is not made larger than the least that was found and this, for its margin or to confirm it."""
-_MARGIN_STEPS = 60
-"""Steps in which margins are searched where a move names no lengths."""
-_TOGETHER = 512
-"""Vectors of a grid that are looked through at once."""
-_FEW = 32
-"""Vectors to test at once where the next ones may pass; twice as many each time that none does."""
-_DECIDED = 6
-"""Vectors of one batch that pass the bound and are decided, at most; failures sharpen the bound."""
+_MARGIN_STEPS = 60  # Steps in which margins are searched where a move names no lengths
+_TOGETHER = 512  # Vectors of a grid that are looked through at once
+_FEW = 32  # Vectors to test at once where the next ones may pass; twice as many each time that none does
+_DECIDED = 6  # Vectors of one batch that pass the bound and are decided, at most; failures sharpen the bound
 _GIVEN_UP = 4
 """Batches of a fine grid that are given up before all of it is: the bound tells too little of what is decided."""
 

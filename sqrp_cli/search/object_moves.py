@@ -15,8 +15,7 @@ from sqrp_cli.search.question import ProposedChange, Question
 from sqrp_cli.search.vectors import Bounds
 from sqrp_cli.study.whole_analysis import WholeAnalysis, whole_analysis, whole_observed
 
-DIRECTIONS = 12
-"""Directions that are tried at each distance."""
+DIRECTIONS = 12  # Directions that are tried at each distance
 
 BOUNDS = Bounds(
     2, 0.02, (0.32,), fine=False, rounds=4, directions=4, shares=(0.9,), margins=(0.01, 0.02, 0.05, 0.1, 0.2)

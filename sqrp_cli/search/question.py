@@ -28,8 +28,7 @@ from sqrp_cli.study.whole_analysis import WholeAnalysis, mean_qualities, whole_a
 from sqrp_cli.task.grips import first_grip
 from sqrp_cli.task.task import Candidate
 
-TaskWays = tuple[str, tuple[Candidate, ...]]
-"""A task by its text, with the ways in which its candidates are done."""
+TaskWays = tuple[str, tuple[Candidate, ...]]  # A task by its text, with the ways in which its candidates are done
 AnalysedWay = tuple[Candidate, WholeAnalysis | Infeasible]
 """A way of a candidate with its analysis, or why it cannot be done."""
 

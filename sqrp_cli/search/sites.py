@@ -134,8 +134,7 @@ def installations_at(site: Site, middle: Array, middles: Sequence[Array]) -> Ite
         yield from (Installation(site, X_FC, at, up, name, lens) for name, lens in site.lenses.items())
 
 
-ViewBatch = tuple[JudgedWay, Sequence[Installation]]
-"""A piece of the work: what some installations see in a way."""
+ViewBatch = tuple[JudgedWay, Sequence[Installation]]  # A piece of the work: what some installations see in a way
 Verdicts = Callable[[Sequence[ViewBatch]], Iterable[tuple[int, Mask]]]
 """Where verdicts come from, processes, a cluster, or a run before this one: of every batch its number, in any order,
 and what it shows, as `verdicts_of`."""

@@ -121,8 +121,7 @@ class Suggester:
         return self._done[steps]
 
 
-MOST_PLANNED = 20
-"""Most choices of objects for which a plan is sought; the shortest plan counts."""
+MOST_PLANNED = 20  # Most choices of objects for which a plan is sought; the shortest plan counts
 
 
 def with_first_steps(task: Task, workspace: Workspace, facts: frozenset[Atom] | None = None) -> Task:

@@ -11,10 +11,8 @@ import numpy as np
 
 from sqrp_cli.geometry import Array
 
-FINE = 16
-"""The fine grid has at most so many steps to every side."""
-COARSE = {2: 12, 3: 4}
-"""Steps of the grid of each shell to every side, by the dimension."""
+FINE = 16  # The fine grid has at most so many steps to every side
+COARSE = {2: 12, 3: 4}  # Steps of the grid of each shell to every side, by the dimension
 
 
 class Bounds(NamedTuple):

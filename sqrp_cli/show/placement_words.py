@@ -11,18 +11,12 @@ from sqrp_cli.search.placing_result import ROUNDED, PlaceDocument, count_in_word
 class PlacementWords(NamedTuple):
     """Sentences about a placement; each is empty where there is nothing to say."""
 
-    put: str
-    """Where to put cameras, and what is then seen."""
-    unmet: str
-    """That the goal cannot be met, and what is shown instead; empty, too, if nothing can be chosen at all."""
-    comparison: str
-    """What was compared, in numbers, without a full stop."""
-    moves: str
-    """By how much the chosen cameras were moved from their mounts."""
-    other_ways: str
-    """Which candidates `rank` does in another way in the patched workspace, with other figures."""
-    scope: str
-    """What the proof is about, or why there is none."""
+    put: str  # Where to put cameras, and what is then seen
+    unmet: str  # That the goal cannot be met, and what is shown instead; empty, too, if nothing can be chosen at all
+    comparison: str  # What was compared, in numbers, without a full stop
+    moves: str  # By how much the chosen cameras were moved from their mounts
+    other_ways: str  # Which candidates `rank` does in another way in the patched workspace, with other figures
+    scope: str  # What the proof is about, or why there is none
 
 
 def placement_in_words(found: PlaceDocument) -> PlacementWords:

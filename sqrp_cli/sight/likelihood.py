@@ -20,8 +20,7 @@ from sqrp_cli.sight.targets import Target
 class BoxLikelihood(NamedTuple):
     """How likely c cameras see a box in m states."""
 
-    probability: Array
-    """Shape (m, c)."""
+    probability: Array  # Shape (m, c)
     sights: BoxSights | None
     """What it follows from, shape (5, m, c), where the detector has a curve and the box passes what limits it keeps;
     NaN elsewhere."""

@@ -78,8 +78,7 @@ CauseLabel = Literal[
     "same_colour", "too_dark", "too_bright",
 ]  # fmt: skip
 """The labels of all causes."""
-SIDES = ("left", "right", "top", "bottom")
-"""Sides of an image, in the order of their codes."""
+SIDES = ("left", "right", "top", "bottom")  # Sides of an image, in the order of their codes
 
 
 @dataclass(frozen=True, kw_only=True)

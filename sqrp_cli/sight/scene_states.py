@@ -14,8 +14,7 @@ from sqrp_cli.skill.target_box import TargetBox
 class SceneStates:
     """World poses of every frame over m states."""
 
-    count: int
-    """m."""
+    count: int  # m
     X_WF: Mapping[str, Array]
     """Pose of `world`, every link, object and `OBJECT@start`, shape (m, 4, 4), or (1, 4, 4) where it never moves."""
 

@@ -24,13 +24,11 @@ SKIN = 1e-3
 A solid that only touches it must not hide it.
 """
 
-_THIN = 1e-9
-"""How much thicker than twice the skin a side may be that counts as thin, for rounding [m]."""
+_THIN = 1e-9  # How much thicker than twice the skin a side may be that counts as thin, for rounding [m]
 _LENSES = {"none": 0, "equidistant": 1, "plumb_bob": 2, "rational_polynomial": 2}
 _NOWHERE = pose(np.eye(3), (0.0, 0.0, -1e6))[None]
 """Of a frame that states do not have: of a question asked before, or of an object whose place is not known."""
-_KEPT = 16
-"""Combinations of cameras and boxes whose records are kept, as they are asked for again and again."""
+_KEPT = 16  # Combinations of cameras and boxes whose records are kept, as they are asked for again and again
 
 
 def shrink(size: Sequence[float], normal: Sequence[float] | None) -> tuple[Array, Array]:

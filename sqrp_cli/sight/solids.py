@@ -26,14 +26,10 @@ SIDES = 48
 They enclose cylinders (0.2 % too wide); the faces of spheres and capsules are within 0.2 % of them.
 """
 
-OBJECT_FACTOR = 50.0
-"""Ratio of the sizes of an object and its mesh from which the mesh's scale is doubted."""
-_CLOSED = 1e-3
-"""Tolerance of the winding number of a closed surface around a point."""
-_made: WeakValueDictionary[object, kernel.Solid] = WeakValueDictionary()
-"""Solids of the kernel still in use."""
-_latest = deque[kernel.Solid](maxlen=500)
-"""Those that were made last: a cell that is read again needs them again."""
+OBJECT_FACTOR = 50.0  # Ratio of the sizes of an object and its mesh from which the mesh's scale is doubted
+_CLOSED = 1e-3  # Tolerance of the winding number of a closed surface around a point
+_made: WeakValueDictionary[object, kernel.Solid] = WeakValueDictionary()  # Solids of the kernel still in use
+_latest = deque[kernel.Solid](maxlen=500)  # Those that were made last: a cell that is read again needs them again
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,24 +37,16 @@ class Solid:
     """A part as triangles, in the frame of its parent."""
 
     part: Part
-    name: str
-    """Its name in output; the pieces of a link share one name."""
-    vertices: Array
-    """Corners of its triangles [m], shape (V, 3)."""
-    triangles: NDArray[np.int64]
-    """Indices into `vertices`, shape (F, 3)."""
-    center: Array
-    """Centre of a sphere around it [m], shape (3,)."""
-    radius: float
-    """Radius of that sphere [m]."""
-    corners: Array
-    """Corners of a box around it [m], shape (8, 3)."""
-    half_axes: Array
-    """Vectors from the box's centre to three of its faces, one a row [m], shape (3, 3)."""
+    name: str  # Its name in output; the pieces of a link share one name
+    vertices: Array  # Corners of its triangles [m], shape (V, 3)
+    triangles: NDArray[np.int64]  # Indices into `vertices`, shape (F, 3)
+    center: Array  # Centre of a sphere around it [m], shape (3,)
+    radius: float  # Radius of that sphere [m]
+    corners: Array  # Corners of a box around it [m], shape (8, 3)
+    half_axes: Array  # Vectors from the box's centre to three of its faces, one a row [m], shape (3, 3)
     color: str | None = None
     """The colour of the object that it is of, empty if that has none; None if it is of the robot."""
-    movable: bool = False
-    """Whether it is of an object that may be moved: neither of the robot nor of what is fixed."""
+    movable: bool = False  # Whether it is of an object that may be moved: neither of the robot nor of what is fixed
 
     @cached_property
     def compiled(self) -> kernel.Solid:

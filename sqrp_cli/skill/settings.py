@@ -163,8 +163,7 @@ class MotionParameter:
 
     name: str
     values: tuple[MotionValue, ...]
-    kinds: tuple[Kind, ...] = ()
-    """The kind of each setting that uses it."""
+    kinds: tuple[Kind, ...] = ()  # The kind of each setting that uses it
     implicit: bool = False
     """Whether the skill does not list it: a setting that is free, or the path of its joint moves.
 

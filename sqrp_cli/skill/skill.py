@@ -329,14 +329,11 @@ class SkillFile(Entry):
 class Requirement:
     """A temporal sensing requirement: what a skill states, with its texts parsed as MTL."""
 
-    name: str | None
-    """Of the fault that the formula describes; None for a plain requirement."""
+    name: str | None  # Of the fault that the formula describes; None for a plain requirement
     stated: FormulaEntry
     formula: Formula
-    retry_when: Formula | None
-    """What must be seen before a retry starts, if the response is one and states that."""
-    place: Place
-    """Where the formula's text starts."""
+    retry_when: Formula | None  # What must be seen before a retry starts, if the response is one and states that
+    place: Place  # Where the formula's text starts
 
 
 @dataclass(frozen=True)
@@ -345,8 +342,7 @@ class Skill:
 
     name: str
     folder: Path
-    domain: Domain
-    """The types and predicates around its action."""
+    domain: Domain  # The types and predicates around its action
     action: Action
     motion_parameters: tuple[MotionParameter, ...]
     waypoints: Mapping[str, Waypoint]
@@ -355,12 +351,9 @@ class Skill:
     targets: Mapping[str, TargetSpec]
     initially: Mapping[str, Meaning]
     """What predicates mean in a workspace: which facts follow from its objects and tool."""
-    places: Mapping[str, Place]
-    """Position of every key of skill.yaml, by its dotted path (such as `primitives.0.to`)."""
-    warnings: tuple[Problem, ...]
-    """Findings that do not prevent its use."""
-    recorded: object | None = None
-    """Of a recording: what has its motions, which are not planned."""
+    places: Mapping[str, Place]  # Position of every key of skill.yaml, by its dotted path (such as `primitives.0.to`)
+    warnings: tuple[Problem, ...]  # Findings that do not prevent its use
+    recorded: object | None = None  # Of a recording: what has its motions, which are not planned
 
     def place(self, *path: str | int) -> Place:
         """The place of a key of skill.yaml, such as `targets`, `hold`, `boxes`, 0; if missing, that of its parent."""
@@ -415,10 +408,8 @@ class SkillChoice:
     """A skill with all its parameters."""
 
     skill: Skill
-    binding: Mapping[str, str]
-    """The object of each skill parameter."""
-    values: Mapping[str, MotionValue]
-    """Of each motion parameter."""
+    binding: Mapping[str, str]  # The object of each skill parameter
+    values: Mapping[str, MotionValue]  # Of each motion parameter
     vias: Mapping[str, Array] = field(default_factory=dict, compare=False)
     """Joint positions that joint moves bend around on their way, shape (k, n) [rad or m], by the primitive's name."""
     branch: Mapping[str, MotionValue] = field(default_factory=dict)

@@ -17,8 +17,7 @@ from sqrp_cli.logic.literal import NOT, Atom
 from sqrp_cli.records import dataclass
 
 UnitVector = Annotated[Direction, AfterValidator(lambda vector: tuple((vector / np.linalg.norm(vector)).tolist()))]
-JAWS = "jaws"
-"""What recordings watch at the tool frame: where the tool takes hold of things."""
+JAWS = "jaws"  # What recordings watch at the tool frame: where the tool takes hold of things
 _JAWS_SIZE = [0.04, 0.04, 0.04]  # of the box around that [m]
 
 

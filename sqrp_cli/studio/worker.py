@@ -100,8 +100,7 @@ class _Worker:
     _model: Mapping[str, object] | None = None
     _task: tuple[str, Session] | None = None
     """The last task with plans, as it was asked for; None once anything but cameras has changed."""
-    _ranking: dict[str, CandidateResult] = field(default_factory=dict)
-    """The candidates by their names, the best first."""
+    _ranking: dict[str, CandidateResult] = field(default_factory=dict)  # The candidates by their names, the best first
     _session: Session | None = None
     _chosen: str = ""
     _sketches: dict[str, tuple[list[Sketch], CoverageShown]] = field(default_factory=dict)

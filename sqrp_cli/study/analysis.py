@@ -85,12 +85,10 @@ class Analysis:
 
     timeline: Timeline
     recovery: Recovery
-    windows: Mapping[str, Sequence[Window]]
-    """In which images show each fault, by its name."""
+    windows: Mapping[str, Sequence[Window]]  # In which images show each fault, by its name
     onsets: Mapping[str, tuple[Onset, ...]]
     """From when on images show each fault, for each interval in which it may happen, by its name."""
-    why: Mapping[str, LateReason]
-    """What takes longest until each fault is noticed, by its name."""
+    why: Mapping[str, LateReason]  # What takes longest until each fault is noticed, by its name
 
     @property
     def planned(self) -> PlannedMotion:

@@ -66,8 +66,7 @@ def _totals(
     return sorted(found, key=lambda total: -total.seconds)
 
 
-ByPhase = Mapping[str, Mapping[str, Mapping[str, float]]]
-"""A share for each phase, by the name of a camera, by atom."""
+ByPhase = Mapping[str, Mapping[str, Mapping[str, float]]]  # A share for each phase, by the name of a camera, by atom
 
 
 def coverage_by_phase(cell: Cell, analysis: Analysis) -> tuple[ByPhase, tuple[UnseenTime, ...]]:

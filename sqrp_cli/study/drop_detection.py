@@ -48,14 +48,10 @@ from sqrp_cli.task.pieces import fault_intervals, fault_literals
 class DropRule(NamedTuple):
     """What a detector of colours needs to call a part not held, as far as it may be known beforehand."""
 
-    pixels: float
-    """How far apart it must be seen from where the tool would show it [pixels], ..."""
-    share: float
-    """... and a share of its size."""
-    inside: float
-    """How far from a place, as a share of its length that way, it fills enough of it to count as there."""
-    covered: float
-    """How much of where the tool would show it it may cover if it counts as there nowhere: a share."""
+    pixels: float  # How far apart it must be seen from where the tool would show it [pixels], ..
+    share: float  # ... and a share of its size.
+    inside: float  # How far from a place, as a share of its length that way, it fills enough of it to count as there
+    covered: float  # How much of where the tool would show it it may cover if it counts as there nowhere: a share
 
 
 SURE = DropRule(
@@ -78,36 +74,27 @@ USUAL = DropRule(
     covered=EMPTY,
 )
 """So much is usually enough."""
-GRAVITY = 9.81
-"""[m/s^2]."""
+GRAVITY = 9.81  # [m/s^2]
 _STARTS, _STEP = 25, 0.1
 """Instants of an interval at which a part is let fall: at least so many, and one in so many seconds."""
-LONGEST = 4.0
-"""How long what is lost is followed [s]; what images do not show by then, they never do."""
+LONGEST = 4.0  # How long what is lost is followed [s]; what images do not show by then, they never do
 _FALL = LONGEST * np.linspace(0.0, 1.0, 81) ** 2
 """Times after it is lost at which it is looked at [s], the first ones closer."""
 _FIRST = 32
 """So many of these times tell when nearly all drops are seen; all of them are looked at for the others alone."""
-_SOON = 0.8
-"""How long after a loss cameras count that judge the part [s]."""
-_ALONG = 2.0
-"""What moves away from a camera so many times as far as across its line of sight falls along that."""
-_NEVER = 1e3
-"""How long after the motion what no image shows is shown [s]: after all windows."""
+_SOON = 0.8  # How long after a loss cameras count that judge the part [s]
+_ALONG = 2.0  # What moves away from a camera so many times as far as across its line of sight falls along that
+_NEVER = 1e3  # How long after the motion what no image shows is shown [s]: after all windows
 
 
 class ShownDrops(NamedTuple):
     """When s drops of a part are shown by c cameras, and what takes each so long."""
 
     part: str
-    x: Array
-    """When the fault becomes true, shape (s,) [s]."""
-    each: Array
-    """From when on each camera that may judge a drop shows it, -inf of the others, (c, s) [s]."""
-    usual: Array
-    """From when on all of them together usually do, (s,) [s]."""
-    causes: NDArray[np.str_]
-    """What takes each camera longest, a `LateCause`, (c, s)."""
+    x: Array  # When the fault becomes true, shape (s,) [s]
+    each: Array  # From when on each camera that may judge a drop shows it, -inf of the others, (c, s) [s]
+    usual: Array  # From when on all of them together usually do, (s,) [s]
+    causes: NDArray[np.str_]  # What takes each camera longest, a `LateCause`, (c, s)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -120,18 +107,12 @@ class DropOnset(Onset):
 class SeenOffset(NamedTuple):
     """How far a part is from where it is expected, as cameras see it in n drops at f times; shape (n, f) [m] each."""
 
-    across: Array
-    """Across the line of sight."""
-    distance: Array
-    """From the camera to where it is expected."""
-    nearer: Array
-    """By how much it is nearer than that."""
-    length: Array
-    """How long the silhouette of its box is along the direction of the offset, through its middle."""
-    focal: Array
-    """Of the cameras, shape (n, 1) [pixels]."""
-    spread: float
-    """Square root of the mean area of the silhouette of its box."""
+    across: Array  # Across the line of sight
+    distance: Array  # From the camera to where it is expected
+    nearer: Array  # By how much it is nearer than that
+    length: Array  # How long the silhouette of its box is along the direction of the offset, through its middle
+    focal: Array  # Of the cameras, shape (n, 1) [pixels]
+    spread: float  # Square root of the mean area of the silhouette of its box
 
     @classmethod
     def of(cls, expected: Array, free: Array, eyes: Array, focal: Array, R_WB: Array, size: Array) -> SeenOffset:
@@ -291,14 +272,10 @@ class _Drops(NamedTuple):
     """A part that the tool loses at each of s instants of an interval."""
 
     name: str
-    t: Array
-    """The instants, shape (s,) [s]."""
-    times: Array
-    """These, and as many after them as it takes to follow the last drop, shape (m,) [s]."""
-    states: SceneStates
-    """Where everything is at these, as long as nothing is lost."""
-    free: Array
-    """Where the centre of the part is at f times after it is lost, shape (3, s, f) [m]."""
+    t: Array  # The instants, shape (s,) [s]
+    times: Array  # These, and as many after them as it takes to follow the last drop, shape (m,) [s]
+    states: SceneStates  # Where everything is at these, as long as nothing is lost
+    free: Array  # Where the centre of the part is at f times after it is lost, shape (3, s, f) [m]
 
     def followed(self, track: Array) -> Array:
         """Where a point is while the part falls, shape (3, s, f) [m]; track: at all times, (m, 3)."""

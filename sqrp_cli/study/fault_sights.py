@@ -34,12 +34,9 @@ class FaultWatch:
 
     name: str
     literals: tuple[Literal, ...]
-    intervals: tuple[TimeInterval, ...]
-    """When it may happen."""
-    columns: tuple[tuple[int, ...], ...]
-    """Of each literal the targets that show it, each by itself: indices."""
-    until: float = 0.0
-    """Up to when, after its interval, images show it wherever no formula says anything of it [s]."""
+    intervals: tuple[TimeInterval, ...]  # When it may happen
+    columns: tuple[tuple[int, ...], ...]  # Of each literal the targets that show it, each by itself: indices
+    until: float = 0.0  # Up to when, after its interval, images show it wherever no formula says anything of it [s]
 
     def counts_in(self, piece: Piece) -> bool:
         """Whether an image of a piece can show that it has happened."""

@@ -35,10 +35,8 @@ from sqrp_cli.task.task import Candidate
 class TimeLimit:
     """The longest time of a way."""
 
-    seconds: float | None = None
-    """[s]; None for a multiple of the fastest way's."""
-    times: float = 1.0
-    """Of the time of the fastest of all ways of the candidate, where no seconds are given."""
+    seconds: float | None = None  # [s]; None for a multiple of the fastest way's
+    times: float = 1.0  # Of the time of the fastest of all ways of the candidate, where no seconds are given
 
     @classmethod
     def read(cls, text: str, option: str = "--max-time") -> TimeLimit:
@@ -76,20 +74,16 @@ class BestWay:
     """The best way of a candidate, and what became of the others."""
 
     analysis: Analysis
-    result: CandidateResult
-    """Of the analysis, with its ways."""
+    result: CandidateResult  # Of the analysis, with its ways
 
 
 @dataclass(frozen=True)
 class WantedWay:
     """Which of its ways a candidate is done in."""
 
-    by: Criterion = "q_eoi"
-    """What counts first."""
-    fastest: bool = False
-    """Whether the fastest branch with the first grip is taken without a look at others."""
-    limit: TimeLimit | None = None
-    """How long it may take."""
+    by: Criterion = "q_eoi"  # What counts first
+    fastest: bool = False  # Whether the fastest branch with the first grip is taken without a look at others
+    limit: TimeLimit | None = None  # How long it may take
 
 
 def find_way(

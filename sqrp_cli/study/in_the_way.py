@@ -19,8 +19,7 @@ from sqrp_cli.study.analysis import Analysis
 from sqrp_cli.study.blind_spans import sample_weights
 from sqrp_cli.study.result import HiddenTarget
 
-_VIEWS = 4000
-"""Views to look at together, to bound the memory."""
+_VIEWS = 4000  # Views to look at together, to bound the memory
 HiddenViews = Mapping[tuple[int, int, int, int], tuple[HidingPart, ...]]
 """What hides a box, the largest share first, by the indices of target, box, sample and camera; where it is hidden."""
 

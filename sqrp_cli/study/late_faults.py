@@ -16,10 +16,8 @@ from sqrp_cli.study.drop_detection import LONGEST, DropOnset
 from sqrp_cli.study.fault_sights import is_lost_by_fingers, watched_faults
 from sqrp_cli.study.timeline import PlannedMotion
 
-_PROMPT = 1e-3
-"""Times up to this explain no delay [s]."""
-_LOOKS = 8
-"""Other times of each interval at which it is asked which camera sees what would show a fault."""
+_PROMPT = 1e-3  # Times up to this explain no delay [s]
+_LOOKS = 8  # Other times of each interval at which it is asked which camera sees what would show a fault
 _HELD = "camera `{camera}` may take {part} for held {until} because "
 
 _WORDS: dict[LateCause, str] = {

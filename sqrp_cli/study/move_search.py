@@ -89,14 +89,12 @@ def evolution(mean: Array, deviation: Array, size: int, seed: int) -> Generator[
 
 SEARCH_WEIGHT = 10.0
 """Seconds of motion that a blind second counts for in the search: more than in the end, so that it learns to see."""
-COST_DECIMALS = 6
-"""Costs equal to this many decimals of a second are equal."""
+COST_DECIMALS = 6  # Costs equal to this many decimals of a second are equal
 DEVIATION, FINE_DEVIATION = np.deg2rad(30.0), np.deg2rad(6.0)
 """Of the first vias in every joint [rad]; of sliding joints, as many metres: around the middle of the direct path, and
 around the best path so far."""
 
-DETOUR = 0.5
-"""The same at most, as a share of how far a joint can go during the direct move."""
+DETOUR = 0.5  # The same at most, as a share of how far a joint can go during the direct move
 
 PHASES: tuple[tuple[Literal["middle", "near", "split"], int], ...] = (
     ("middle", 8),
@@ -107,32 +105,23 @@ PHASES: tuple[tuple[Literal["middle", "near", "split"], int], ...] = (
 """What a search does, one after the other and then again, and for how many generations: look around the middle of the
 direct path, near the best path, and around that with two vias in place of one."""
 
-POPULATION = 12
-"""Paths tried at once."""
+POPULATION = 12  # Paths tried at once
 Closeness = tuple[float, int, int]
 """How closely a path is looked at: the time between looks [s], about, and the fewest and most looks at one path."""
-ROUGHLY, FINELY = (1.0, 8, 16), (0.3, 24, 48)
-"""For all of a population, and for the better half of it."""
-EXACTLY = (0.0, 100, 100)
-"""For paths that seem to be the best, and those that are left in the end."""
-PATH_COST = 10
-"""The work of drawing and timing one path, in looks."""
-SETTLED = 0.1
-"""A move that cannot win more than this any more is not searched further [s]."""
+ROUGHLY, FINELY = (1.0, 8, 16), (0.3, 24, 48)  # For all of a population, and for the better half of it
+EXACTLY = (0.0, 100, 100)  # For paths that seem to be the best, and those that are left in the end
+PATH_COST = 10  # The work of drawing and timing one path, in looks
+SETTLED = 0.1  # A move that cannot win more than this any more is not searched further [s]
 
 
 @dataclass(eq=False)
 class SeenPath:
     """A path of a joint move, with its figures as far as they are known."""
 
-    vias: Array
-    """Shape (k, n); without rows, it is the direct path."""
-    trajectory: Trajectory
-    """Of the arm."""
-    blind: float = np.inf
-    """How long the state is not covered [s]; infinite as long as nobody looked."""
-    free: bool | None = None
-    """Whether it keeps every clearance; None as long as nobody asked."""
+    vias: Array  # Shape (k, n); without rows, it is the direct path
+    trajectory: Trajectory  # Of the arm
+    blind: float = np.inf  # How long the state is not covered [s]; infinite as long as nobody looked
+    free: bool | None = None  # Whether it keeps every clearance; None as long as nobody asked
 
     @property
     def time(self) -> float:
@@ -149,27 +138,18 @@ class SeenPath:
 class MoveSearch:
     """The paths that a joint move may take, and the evolution of their vias."""
 
-    planned: PlannedMotion
-    """The way with its direct path."""
-    primitive: int
-    """The move, by index."""
+    planned: PlannedMotion  # The way with its direct path
+    primitive: int  # The move, by index
     q0: Array
-    q1: Array
-    """Its ends, shape (n,)."""
-    bounds: JointSpan
-    """Of its vias."""
+    q1: Array  # Its ends, shape (n,)
+    bounds: JointSpan  # Of its vias
     limits: MotionLimits
-    placed: PlacedScene
-    """What it must not touch."""
-    direct: SeenPath
-    """Its path in the direct way."""
-    longest: float
-    """Longest duration of interest [s]."""
+    placed: PlacedScene  # What it must not touch
+    direct: SeenPath  # Its path in the direct way
+    longest: float  # Longest duration of interest [s]
     seed: int
-    best: SeenPath
-    """Of all paths so far; the direct one to begin with."""
-    found: list[SeenPath]
-    """All paths that are not known to touch anything; the direct one to begin with."""
+    best: SeenPath  # Of all paths so far; the direct one to begin with
+    found: list[SeenPath]  # All paths that are not known to touch anything; the direct one to begin with
     _begun: int = 0
     _left: int = 0
 

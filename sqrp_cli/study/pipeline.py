@@ -41,12 +41,9 @@ WORTH_A_PROCESS, WORTH_WITH_WAYS = 8, 2
 class Explained(NamedTuple):
     """A candidate with all that its figures were computed from."""
 
-    result: CandidateResult
-    """With the figures of its analysis, or of those of its steps."""
-    analysis: Analysis | None = None
-    """Of a feasible candidate of one step."""
-    steps: tuple[Explained, ...] = ()
-    """Of a feasible candidate of several steps, each."""
+    result: CandidateResult  # With the figures of its analysis, or of those of its steps
+    analysis: Analysis | None = None  # Of a feasible candidate of one step
+    steps: tuple[Explained, ...] = ()  # Of a feasible candidate of several steps, each
 
 
 _Known = dict[tuple[str, ...], tuple[CandidateResult, World | None]]
@@ -62,15 +59,11 @@ class RankJob:
     sampling: Sampling = Adaptive()
     calibration: Calibration | None = None
     """Accuracy of the cameras' calibration, to compute its influence on the qualities; None to leave it out."""
-    wanted: WantedWay = WantedWay()
-    """Which way of each candidate."""
+    wanted: WantedWay = WantedWay()  # Which way of each candidate
     cell: Cell = field(kw_only=True)
-    world: World = field(kw_only=True)
-    """That every candidate starts from."""
-    plans: Plans | None = None
-    """The motions of candidates in this world, if they are to be kept for other cameras."""
-    verdicts: bool = True
-    """Whether `assess` gives a verdict on each; where few are shown, `add_verdict` gives theirs."""
+    world: World = field(kw_only=True)  # That every candidate starts from
+    plans: Plans | None = None  # The motions of candidates in this world, if they are to be kept for other cameras
+    verdicts: bool = True  # Whether `assess` gives a verdict on each; where few are shown, `add_verdict` gives theirs
 
     def assess(self, candidate: Candidate) -> CandidateResult:
         """The figures of one candidate in the wanted way, or why it is infeasible."""

@@ -11,10 +11,8 @@ from sqrp_cli.study.result import CandidateResult, Criterion
 
 _Figure = Callable[[CandidateResult], float | None]
 """A figure of a candidate by which it may be ranked; None where it is undefined."""
-_DECIMALS = 6
-"""Figures equal to this many decimals count as equal, times in seconds: the rest is rounding."""
-QUALITY_STEP = 1e-3
-"""Qualities are compared rounded to this (0.1 points), the accuracy of bisection."""
+_DECIMALS = 6  # Figures equal to this many decimals count as equal, times in seconds: the rest is rounding
+QUALITY_STEP = 1e-3  # Qualities are compared rounded to this (0.1 points), the accuracy of bisection
 
 
 def rank(results: Sequence[CandidateResult], by: Criterion) -> tuple[CandidateResult, ...]:

@@ -23,8 +23,7 @@ else:  # no file has it
 
 Criterion = Literal["q_eoi", "q_avg", "time", "delay", "expected_time"]
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
-NOTHING_MISSING = "Everything that must be seen is seen"
-"""What the verdict says of a candidate without a blind spot."""
+NOTHING_MISSING = "Everything that must be seen is seen"  # What the verdict says of a candidate without a blind spot
 
 
 @dataclass(frozen=True, kw_only=True)

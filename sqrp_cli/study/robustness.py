@@ -20,20 +20,16 @@ from sqrp_cli.study.analysis import Analysis
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.timeline import observe
 
-DRAWS = 20
-"""Number of random sets of camera poses for the influence of calibration errors."""
+DRAWS = 20  # Number of random sets of camera poses for the influence of calibration errors
 
 
 @dataclass(frozen=True)
 class Calibration:
     """Accuracy of the cameras' calibration."""
 
-    position: float
-    """Standard deviation of the error of each camera's optical frame along each of its axes [m]."""
-    rotation: float
-    """The same about each of its axes [rad]."""
-    seed: int
-    """Seed of the random errors."""
+    position: float  # Standard deviation of the error of each camera's optical frame along each of its axes [m]
+    rotation: float  # The same about each of its axes [rad]
+    seed: int  # Seed of the random errors
 
 
 def without_each_camera(cell: Cell, analysis: Analysis) -> dict[str, Qualities]:
@@ -76,12 +72,9 @@ def perturbed(observer: Observer, calibration: Calibration, draw: int) -> Observ
 class Expectation:
     """How likely images show the targets of a motion, at m samples."""
 
-    boxes: list[list[BoxLikelihood]]
-    """Of each box of each of `a` targets, from every camera."""
-    targets: Array
-    """That enough cameras see all boxes of each target, shape (m, a)."""
-    states: Array
-    """That they see all that a state requires, NaN where it requires nothing, shape (m,)."""
+    boxes: list[list[BoxLikelihood]]  # Of each box of each of `a` targets, from every camera
+    targets: Array  # That enough cameras see all boxes of each target, shape (m, a)
+    states: Array  # That they see all that a state requires, NaN where it requires nothing, shape (m,)
 
 
 def expectation(cell: Cell, analysis: Analysis) -> Expectation | None:

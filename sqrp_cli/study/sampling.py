@@ -14,8 +14,7 @@ from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.targets import Target
 from sqrp_cli.study.stage import Samples, Stage
 
-DEFAULT_TOLERANCE = 1e-3
-"""Largest error of Q that bisection leaves, as a fraction (0.1 points)."""
+DEFAULT_TOLERANCE = 1e-3  # Largest error of Q that bisection leaves, as a fraction (0.1 points)
 MAX_MOTION = 0.01
 """Largest motion between neighbouring samples in adaptive sampling [m].
 
@@ -31,8 +30,7 @@ The first, or the frame period of the fastest camera if that is less, but no les
 
 VIEW = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Tracked points of a moving camera, in its optical frame, shape (2, 3) [m]."""
-_PROBES = 21
-"""Instants per primitive at which speeds are measured, to place the adaptive samples."""
+_PROBES = 21  # Instants per primitive at which speeds are measured, to place the adaptive samples
 _SPACING = 0.97 * MAX_MOTION
 """Motion between adaptive samples as they are placed [m].
 
@@ -40,8 +38,7 @@ Speed counts as constant between the probes, and steps longer than `MAX_MOTION` 
 cent avoids most halving.
 """
 
-MAX_SAMPLES = 200_000
-"""Samples of one candidate beyond which a request is refused."""
+MAX_SAMPLES = 200_000  # Samples of one candidate beyond which a request is refused
 
 
 @dataclass(frozen=True)

@@ -34,18 +34,13 @@ BLIND_WEIGHT, BLIND_WEIGHT_WITHIN = 4.0, 20.0
 """Seconds of motion that a blind second counts for; and within a limit of the time, which is price enough."""
 RACE = ((3, 3), (2, 3))
 """The rounds of the race: how many ways run, and for how many generations of paths; then the best goes on alone."""
-MOST_WORK = 24_000
-"""In looks at paths of one candidate: when so many are reached, the search ends."""
-SAME_TIME = 0.05
-"""Ways of one branch whose times differ by no more than this are searched once [s]."""
-WORTH_SEARCHING = 0.05
-"""A move that is blind for less than this is left as it is [s]."""
+MOST_WORK = 24_000  # In looks at paths of one candidate: when so many are reached, the search ends
+SAME_TIME = 0.05  # Ways of one branch whose times differ by no more than this are searched once [s]
+WORTH_SEARCHING = 0.05  # A move that is blind for less than this is left as it is [s]
 LEVEL = 0.02
 """Qualities in events of interest that differ by no more than about this count as equal while ways are chosen."""
-GLANCE_STEP = 0.4
-"""Time between the looks that tell direct ways apart [s]."""
-LEFT = 6
-"""Paths of each move that are left in the end."""
+GLANCE_STEP = 0.4  # Time between the looks that tell direct ways apart [s]
+LEFT = 6  # Paths of each move that are left in the end
 MOST_COMBINATIONS = 10_000
 """Combinations of paths of several moves that are compared; of more, those that cost least go on to the next move."""
 
@@ -159,15 +154,12 @@ def way_with_seen_paths(cell: Cell, way: Candidate, world: World) -> Candidate:
 class _Runner:
     """A way with the searches for its paths."""
 
-    planned: PlannedMotion
-    """Of the direct way."""
+    planned: PlannedMotion  # Of the direct way
     level: int
     """The quality in events of interest that it may reach, in steps of `LEVEL`; 0 where that does not count first."""
-    blind_elsewhere: float
-    """How long the state is not covered outside the moves that are searched [s]."""
+    blind_elsewhere: float  # How long the state is not covered outside the moves that are searched [s]
     searches: tuple[MoveSearch, ...]
-    weight: float
-    """Seconds of motion that a blind second counts for."""
+    weight: float  # Seconds of motion that a blind second counts for
 
     def cost(self, paths: Sequence[SeenPath] | None = None) -> float:
         """What is minimised, with one path for each search, the best so far by default [s]."""

@@ -25,16 +25,13 @@ from sqrp_cli.study.sampling import MAX_SAMPLES, Adaptive, FixedCount, FixedStep
 from sqrp_cli.study.stage import Samples, Stage
 from sqrp_cli.task.candidate import Candidate
 
-SHORTEST_BRACKET = 1e-7
-"""Transitions are not bisected further than this [s]."""
+SHORTEST_BRACKET = 1e-7  # Transitions are not bisected further than this [s]
 _SHARE = 0.1
 """Of the error that may remain, so much is left: qualities are compared rounded to the default, and ways that see the
 same must not differ by how their brackets lie."""
 
-_ROUNDS = np.arange(1, 9)
-"""In how many rounds a bracket may be narrowed."""
-_LOOK = 100
-"""Fixed cost of one observation, in samples."""
+_ROUNDS = np.arange(1, 9)  # In how many rounds a bracket may be narrowed
+_LOOK = 100  # Fixed cost of one observation, in samples
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -42,20 +39,16 @@ class PlannedMotion:
     """A feasible candidate with its motion, and what must be seen during it."""
 
     candidate: Candidate
-    world: World
-    """That it starts from."""
+    world: World  # That it starts from
     motion: Motion
     formulas: tuple[GroundOperator, ...]
     since: Mapping[str, float]
     """When a fault, by its name, may first happen if images cannot tell it yet: before its formula's interval [s]."""
     stage: Stage
     targets: tuple[Target, ...]
-    faults: Mapping[str, tuple[int, ...]]
-    """The columns of the atoms of each fault, by its name: indices into `targets`."""
-    T: float
-    """Duration of the union of all formulas' intervals, see `pieces.monitored_times` [s]."""
-    T_eoi: float
-    """Duration of the union of the events of interest, see `pieces.monitored_times` [s]."""
+    faults: Mapping[str, tuple[int, ...]]  # The columns of the atoms of each fault, by its name: indices into `targets`
+    T: float  # Duration of the union of all formulas' intervals, see `pieces.monitored_times` [s]
+    T_eoi: float  # Duration of the union of the events of interest, see `pieces.monitored_times` [s]
 
     def for_targets(self, stage: Stage, targets: Sequence[Target]) -> PlannedMotion:
         """The same of other targets on another stage: each of their changes is located, whatever else is seen.
@@ -70,14 +63,10 @@ class PlannedMotion:
 class Observation:
     """Coverage of `a` targets in m samples."""
 
-    looked: Mask
-    """Whether nothing is inferred from neighbouring samples, shape (m,)."""
-    required: Mask
-    """Whether a state holds the target's atom, shape (m, a)."""
-    known: Mask
-    """Where the target is required and was observed, or its neighbouring samples agree, shape (m, a)."""
-    covered: Mask
-    """Whether enough cameras see the target, False where not known, shape (m, a)."""
+    looked: Mask  # Whether nothing is inferred from neighbouring samples, shape (m,)
+    required: Mask  # Whether a state holds the target's atom, shape (m, a)
+    known: Mask  # Where the target is required and was observed, or its neighbouring samples agree, shape (m, a)
+    covered: Mask  # Whether enough cameras see the target, False where not known, shape (m, a)
     matrix: tuple[tuple[BoxVerdicts, ...], ...] | None
     """Per target and box the verdicts of every camera; None if only coverage was requested."""
 
@@ -133,8 +122,7 @@ class Timeline:
 
     planned: PlannedMotion
     samples: Samples
-    observation: Observation
-    """What the cameras see in the samples."""
+    observation: Observation  # What the cameras see in the samples
 
     @cached_property
     def monitored(self) -> Mask:

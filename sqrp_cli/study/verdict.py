@@ -60,12 +60,9 @@ _OTHER_WAY = ", or try another approach"
 class CameraChange:
     """A turn of a camera about its lens, or a move along its optical axis."""
 
-    up: float = 0.0
-    """[deg]; negative: down."""
-    right: float = 0.0
-    """[deg]; negative: left. First it turns to the right, then up, by whole degrees in all."""
-    back: float = 0.0
-    """Whole centimetres [m]; negative: closer."""
+    up: float = 0.0  # [deg]; negative: down
+    right: float = 0.0  # [deg]; negative: left. First it turns to the right, then up, by whole degrees in all.
+    back: float = 0.0  # Whole centimetres [m]; negative: closer
 
     @property
     def angle(self) -> float:
@@ -110,18 +107,13 @@ class CameraCause(Reason):
 class BlindSpot:
     """A stretch of time in which a state is not covered."""
 
-    start: float
-    """First uncovered sample [s]."""
-    end: float
-    """Last uncovered sample [s]."""
-    atom: Atom
-    """One whose target is not covered."""
-    fact: str
-    """The atom in words."""
+    start: float  # First uncovered sample [s]
+    end: float  # Last uncovered sample [s]
+    atom: Atom  # One whose target is not covered
+    fact: str  # The atom in words
     causes: tuple[CameraCause, ...]
     """Causes of all cameras that do not see it; the one for which the least change closes the gap comes first."""
-    needed: int
-    """Number of cameras that must see it."""
+    needed: int  # Number of cameras that must see it
 
     def __str__(self) -> str:
         """When no camera sees it, and why not the one that comes nearest; where several have to, all that do not."""
@@ -232,17 +224,12 @@ def explain_blind_spot(cell: Cell, timeline: Timeline, rows: Indices) -> BlindSp
 class _UncoveredTarget(NamedTuple):
     """A target that is not covered in a run of samples, looked at in a few of them."""
 
-    column: int
-    """Index of the target."""
+    column: int  # Index of the target
     target: Target
-    look: Indices
-    """The few samples, and those beside them in which the target is covered or not required, shape (m,)."""
-    few: Mask
-    """Which of these are in the run, shape (m,)."""
-    boxes: tuple[BoxVerdicts, ...]
-    """The verdicts on the target's boxes in these samples."""
-    uncovered: Mask
-    """In which of the few the target is required, and fewer cameras than needed see it."""
+    look: Indices  # The few samples, and those beside them in which the target is covered or not required, shape (m,)
+    few: Mask  # Which of these are in the run, shape (m,)
+    boxes: tuple[BoxVerdicts, ...]  # The verdicts on the target's boxes in these samples
+    uncovered: Mask  # In which of the few the target is required, and fewer cameras than needed see it
 
 
 def _worst_uncovered(cell: Cell, timeline: Timeline, rows: Indices) -> _UncoveredTarget:

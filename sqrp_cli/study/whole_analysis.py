@@ -114,10 +114,8 @@ def _worth(seen: Qualities | Step) -> tuple[float, ...]:
 class WholeAnalysis:
     """A feasible way with the analysis of each of its steps, in the world that those before it leave."""
 
-    candidate: Candidate
-    """The way, of one step or several."""
-    steps: tuple[Analysis, ...]
-    """At least one."""
+    candidate: Candidate  # The way, of one step or several
+    steps: tuple[Analysis, ...]  # At least one
 
     @property
     def result(self) -> CandidateResult:

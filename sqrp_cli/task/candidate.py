@@ -17,8 +17,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.skill.settings import ANY, DIRECT, SEEN, MotionValue, Reference
 from sqrp_cli.skill.skill import JointMove, Skill, SkillChoice
 
-THEN = " then "
-"""Between the steps of a task of several."""
+THEN = " then "  # Between the steps of a task of several
 
 
 @dataclass(frozen=True)
@@ -82,15 +81,13 @@ class Candidate(SkillChoice):
 class Task:
     """A task with its candidates."""
 
-    text: str
-    """As it was given."""
+    text: str  # As it was given
     skill: Skill
     candidates: tuple[Candidate, ...]
 
 
 _BETWEEN = re.compile(r"(?:^|(?<=\s))then(?=\s|$)")
-MOST_WHOLE = 1000
-"""Most candidates of a task of several steps."""
+MOST_WHOLE = 1000  # Most candidates of a task of several steps
 
 
 def split_steps(text: str) -> list[str]:

@@ -57,8 +57,7 @@ def _remedy(workspace: Workspace, world: World, lacking: UnmetPart) -> str:
     return false if done else f": add `{lacking}` under `state:`"
 
 
-MOST_WAYS = 4
-"""Most candidates of a task that are tried to find a feasible one; ranking tries all."""
+MOST_WAYS = 4  # Most candidates of a task that are tried to find a feasible one; ranking tries all
 
 
 def possibilities(cell: Cell, world: World) -> Iterator[tuple[Candidate, bool, Motion | Infeasible]]:

@@ -93,14 +93,10 @@ def _free(candidate: Candidate, setting: str) -> dict[str, list[Entry]]:
     return found
 
 
-ROUND = 0
-"""The number of turns of what looks the same in every turn; `math.gcd` takes it as divisible by all."""
-TURNS_OF_ROUND = 4
-"""So many of the endlessly many turns of something round are tried: every 90 degrees."""
-SAME_SIZE = 1e-6
-"""Lengths that differ by no more than this are equal [m], and so are directions [rad]."""
-SIDES = ("+z", "+x", "-x", "+y", "-y", "-z")
-"""The sides of a box, first the one by which most objects are gripped."""
+ROUND = 0  # The number of turns of what looks the same in every turn; `math.gcd` takes it as divisible by all
+TURNS_OF_ROUND = 4  # So many of the endlessly many turns of something round are tried: every 90 degrees
+SAME_SIZE = 1e-6  # Lengths that differ by no more than this are equal [m], and so are directions [rad]
+SIDES = ("+z", "+x", "-x", "+y", "-y", "-z")  # The sides of a box, first the one by which most objects are gripped
 
 
 def tool_turns(model: RobotModel) -> int:
@@ -162,8 +158,7 @@ def _turns(part: Part, X: Array, axis: int) -> int:
 
 _ORDER = ("left", "right", "no_flip", "flip", "up", "down")
 """The words of branches in the order in which they are said; other values follow."""
-_UNSAID = ("no_flip", "up", "direct", "+z", "0")
-"""Values that are so usual that only the others are said."""
+_UNSAID = ("no_flip", "up", "direct", "+z", "0")  # Values that are so usual that only the others are said
 
 _SAID = {
     "left": "shoulder left",

@@ -26,8 +26,7 @@ from sqrp_cli.sight.targets import SoughtBox, Target
 from sqrp_cli.skill.target_box import BoxSpec
 from sqrp_cli.task.task import Candidate
 
-SAME_GRASP = 1e-6
-"""Poses of an object in the tool that differ by less, in each number, are one."""
+SAME_GRASP = 1e-6  # Poses of an object in the tool that differ by less, in each number, are one
 
 
 def ground_formulas(candidate: Candidate, motion: Motion) -> tuple[GroundOperator, ...]:

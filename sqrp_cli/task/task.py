@@ -22,10 +22,8 @@ from sqrp_cli.task.candidate import Candidate as Candidate
 from sqrp_cli.task.candidate import Task as Task
 from sqrp_cli.task.candidate import split_steps, whole_task
 
-MAX_CANDIDATES = 100_000
-"""A task with more candidates than this is refused."""
-MOST_OF_UNIT = 3
-"""Most letters of an unknown word that may be meant as a unit."""
+MAX_CANDIDATES = 100_000  # A task with more candidates than this is refused
+MOST_OF_UNIT = 3  # Most letters of an unknown word that may be meant as a unit
 
 
 def read_task(text: str, workspace: Workspace, facts: frozenset[Atom] | None = None) -> Task:

@@ -26,8 +26,7 @@ IMAGES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
 PACKED = "/compressed"  # ends the topics of packed images, whose stream has the same name without it
 STRAYS = 0.05
 """A robot that is farther than this [rad or m] from where the program wants it does not do as planned any more."""
-MOST_FRAMES = 1_000_000
-"""Most images that are looked at."""
+MOST_FRAMES = 1_000_000  # Most images that are looked at
 
 
 class BagFootage:
@@ -170,22 +169,17 @@ def _names(topics: Sequence[RecordedTopic]) -> list[str]:
     return sorted({topic.name for topic in topics})
 
 
-SPACING = 0.02
-"""Between the starts of a step that are tried [s]."""
-POINTS = 64
-"""Points of a step's motion that are compared."""
-NEAR = 0.03
-"""A joint this close to where the program wants it follows the program [rad or m]."""
+SPACING = 0.02  # Between the starts of a step that are tried [s]
+POINTS = 64  # Points of a step's motion that are compared
+NEAR = 0.03  # A joint this close to where the program wants it follows the program [rad or m]
 LEAST_SHARE = 0.35
 """Least share of a step's motion that must be there, from its beginning on: it may have been stopped on the way."""
-GAP = 0.2
-"""Between joint states farther apart than this [s] the joints are not known."""
+GAP = 0.2  # Between joint states farther apart than this [s] the joints are not known
 LONGEST = 12 * 3600.0
 """Longest recording that is searched [s]; that of a longer one, or of one in which a clock jumped, is refused."""
 _ONE_RUN = 2.0
 """Starts that fit as well as the first one, and are not later than this after it [s], are of the same run."""
-_BLOCK = 4096
-"""Starts that are tried at once."""
+_BLOCK = 4096  # Starts that are tried at once
 Tracks: TypeAlias = Mapping[str, tuple[Array, Array]]
 """Where joints were, as recorded: by name, times of the robot's clock [s] and positions, (n,); linear in between."""
 
@@ -271,5 +265,4 @@ def _best_start(
     return start, float(shares[best]), starts[good[fresh]].tolist()
 
 
-Footage: TypeAlias = FolderFootage | BagFootage
-"""A recording of a program's run."""
+Footage: TypeAlias = FolderFootage | BagFootage  # A recording of a program's run

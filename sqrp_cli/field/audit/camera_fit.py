@@ -22,20 +22,14 @@ from sqrp_cli.records import dataclass
 
 TURN = 0.016
 """Largest turn of a camera that is looked for [rad]: edges are sought within as many pixels as it moves them."""
-LEAST_REACH, MOST_REACH = 10.0, 48.0
-"""Limits of that distance [pixels]."""
-GRAIN = 0.5
-"""Between samples along a normal [pixels]."""
-FAINT = 2.5
-"""An edge with less contrast is none [of 255, per pixel]."""
+LEAST_REACH, MOST_REACH = 10.0, 48.0  # Limits of that distance [pixels]
+GRAIN = 0.5  # Between samples along a normal [pixels]
+FAINT = 2.5  # An edge with less contrast is none [of 255, per pixel]
 TUKEY = 4.685
 """Width of Tukey's weights in standard deviations: 95 % as efficient as least squares where nothing is wrong."""
-SHARPEST = 0.2
-"""Least standard deviation of edges [pixels]: better they are not known."""
-FAST = 20.0
-"""A point that moves faster than this along its normal is one that moves [pixels/s]."""
-LEAST_POINTS = 60
-"""Points that must meet an edge: less tell nothing of a camera."""
+SHARPEST = 0.2  # Least standard deviation of edges [pixels]: better they are not known
+FAST = 20.0  # A point that moves faster than this along its normal is one that moves [pixels/s]
+LEAST_POINTS = 60  # Points that must meet an edge: less tell nothing of a camera
 WIDTHS = (5.0, 3.0, 2.0, 1.5, 1.2, 1.2, 1.2, 1.2)
 """How far from where a point is expected edges count, one iteration after the other [pixels]."""
 PRIOR = (0.02, 0.02, 0.02, 0.02, 0.02, 0.02, 0.2)
@@ -44,8 +38,7 @@ FRINGE = 0.2
 """Standard deviation of how far all edges may be outside of what they are of, as by light and lens [pixels]."""
 ALIKE = 4.0
 """Edges beside each other are wrong alike: so many count as one. Those of objects do so in all images together."""
-BLUR = 1.0
-"""Standard deviation of the blur of images before their edges are sought [pixels]."""
+BLUR = 1.0  # Standard deviation of the blur of images before their edges are sought [pixels]
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,8 +24,7 @@ from sqrp_cli.run.cell.simulated_cell import placed_objects
 from sqrp_cli.run.monitor.nominal_step import NominalStep
 from sqrp_cli.run.robot_body import RobotBody
 
-SMOOTHED = 1.5
-"""Standard deviation of the blur that makes an outline of pixels a line [pixels]."""
+SMOOTHED = 1.5  # Standard deviation of the blur that makes an outline of pixels a line [pixels]
 _STRAIGHT = 0.68 / (SMOOTHED * np.sqrt(2.0 * np.pi))
 """Least slope of a blurred outline: less of it has a corner, or another outline nearby."""
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], dtype=np.uint8)
@@ -34,10 +33,8 @@ TOUCH = 0.005
 LOOSE, FIXED = (7e-4, 7e-4, 3e-4, 6e-3), (5e-4, 5e-4, 5e-4, 1e-3)
 """Standard deviations of the places of movable and of fixed objects along the world's axes [m], and of their turn about
 the vertical [rad]: objects stand where they should, nearly."""
-POINTS = 400
-"""Points of the edges in an image, at most."""
-STEP = 0.005
-"""Time over which speeds are measured [s]."""
+POINTS = 400  # Points of the edges in an image, at most
+STEP = 0.005  # Time over which speeds are measured [s]
 ExpectedEdges: TypeAlias = Mapping[str, Array]
 """n points of the edges in an image, by what is known of them.
 

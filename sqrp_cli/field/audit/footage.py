@@ -27,16 +27,12 @@ class Frame:
     """An image of a recording."""
 
     camera: str
-    t: float
-    """When it was taken, by its camera's clock [s]."""
-    number: int
-    """Its place in the recording."""
+    t: float  # When it was taken, by its camera's clock [s]
+    number: int  # Its place in the recording
 
 
-FARTHEST = 3.0
-"""Largest offset of a clock that is looked for [s]."""
-_APART = 1000.0
-"""Time between the steps of a folder of frames, whose times are those of the step [s]."""
+FARTHEST = 3.0  # Largest offset of a clock that is looked for [s]
+_APART = 1000.0  # Time between the steps of a folder of frames, whose times are those of the step [s]
 Images = Callable[[Sequence[Frame]], Iterator[tuple[Frame, CameraImage]]]
 """Reads the images of some frames. Raises InputError for one that cannot be used."""
 

@@ -25,8 +25,7 @@ from sqrp_cli.run.record.report import Stopped
 from sqrp_cli.run.robot_body import RobotBody
 
 Known = TypeVar("Known")
-AHEAD = 8
-"""Images that are looked at while others are read."""
+AHEAD = 8  # Images that are looked at while others are read
 LEAST_LOST = 3
 """Images, at least, that say of a literal to the end of a step that it is not as planned, for `MaybeLost`."""
 

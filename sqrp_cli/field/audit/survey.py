@@ -28,24 +28,16 @@ from sqrp_cli.geometry import Array, displacement, inverse, transform
 from sqrp_cli.program.record import Program
 from sqrp_cli.run.robot_body import RobotBody
 
-IMAGES = 24
-"""Images of a camera whose edges are looked for, at most."""
-TRIED = 10
-"""Images of those, the ones that change most, by which offsets of the clock are compared."""
-MEMORY = 250_000_000
-"""Bytes of images, in grey, that are kept of a camera; at least `TRIED` images are."""
-AROUND = (-0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06)
-"""Offsets around a rough one that are compared [s]."""
-UNKNOWN = 0.02
-"""A clock whose offset is not known better than this [s] is not judged, and taken to be right."""
-LATE = 0.01
-"""Least offset by which a clock is wrong [s]."""
+IMAGES = 24  # Images of a camera whose edges are looked for, at most
+TRIED = 10  # Images of those, the ones that change most, by which offsets of the clock are compared
+MEMORY = 250_000_000  # Bytes of images, in grey, that are kept of a camera; at least `TRIED` images are
+AROUND = (-0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06)  # Offsets around a rough one that are compared [s]
+UNKNOWN = 0.02  # A clock whose offset is not known better than this [s] is not judged, and taken to be right
+LATE = 0.01  # Least offset by which a clock is wrong [s]
 TURNED, SHIFTED = 1.5e-3, 1.5e-3
 """A camera that is off by less than this [rad, m] is where it should be: no mount and no calibration is better."""
-SURE = 4.0
-"""Standard deviations that an error must have to be one."""
-MEETS = 0.75
-"""Largest mean loss of edges (`CameraFit.cost`) of an image that shows the cell at all."""
+SURE = 4.0  # Standard deviations that an error must have to be one
+MEETS = 0.75  # Largest mean loss of edges (`CameraFit.cost`) of an image that shows the cell at all
 Filmed: TypeAlias = tuple[list[tuple[Frame, NDArray[np.uint8]]], Array, Array]
 """What is needed of the images of a camera: those in which edges are looked for, in grey; the times of all [s], (n,);
 and by how much each differs from the next, (n - 1,): mean over the pixels, small changes only [of 255]."""
@@ -172,17 +164,13 @@ def _fit(camera: Camera, filmed: Filmed, renderer: EdgeRenderer, footage: Footag
     return replace(fit, change=np.append(change[:6], offset + change[6]), pixels=pixels)
 
 
-SPACING = 0.01
-"""Between offsets that are tried, and between instants at which the robot's motion is known [s]."""
-CANDIDATES = 3
-"""Offsets that are handed on, at most."""
-APART = 0.15
-"""Least distance between those [s]."""
+SPACING = 0.01  # Between offsets that are tried, and between instants at which the robot's motion is known [s]
+CANDIDATES = 3  # Offsets that are handed on, at most
+APART = 0.15  # Least distance between those [s]
 FASTEST = 0.5
 """A point that moves faster than this share of the image's width per second changes no more pixels than that."""
 _WIDTH, _MOST_CHANGE = 160, 30
-_VERTICES = 40
-"""Points of each solid part of the robot whose motion is followed."""
+_VERTICES = 40  # Points of each solid part of the robot whose motion is followed
 
 
 def rough_offsets(t: Array, changes: Array, known: Array, way: Array) -> list[float]:

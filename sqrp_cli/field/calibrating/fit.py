@@ -17,18 +17,12 @@ from sqrp_cli.document import Record, WorkspaceDocument, how_many, live
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.records import dataclass
 
-FOLDS = 5
-"""Parts of the frames of which each is judged by the curve that the others teach."""
-BINS = 10
-"""Of equal width, between probabilities 0 and 1, in which what is told is compared with what was seen."""
-LEAST_LOOKS = 10
-"""Of a detector of which anything can be told."""
-PER_TERM = 5
-"""Boxes that must have been seen, and as many missed, for each term of a curve."""
-_VARIES = 0.02
-"""Standard deviation of a feature from which on its effect can be told."""
-_RIDGE = 0.1
-"""Weight of the squares of coefficients, in standard deviations: without it some are endless."""
+FOLDS = 5  # Parts of the frames of which each is judged by the curve that the others teach
+BINS = 10  # Of equal width, between probabilities 0 and 1, in which what is told is compared with what was seen
+LEAST_LOOKS = 10  # Of a detector of which anything can be told
+PER_TERM = 5  # Boxes that must have been seen, and as many missed, for each term of a curve
+_VARIES = 0.02  # Standard deviation of a feature from which on its effect can be told
+_RIDGE = 0.1  # Weight of the squares of coefficients, in standard deviations: without it some are endless
 _MOST = (1.0, 0.995, 0.99, 0.98, 0.97, 0.95, 0.925, 0.9, 0.85, 0.8, 0.7, 0.6)
 """Probabilities in the best of views that are tried."""
 
@@ -37,12 +31,9 @@ _MOST = (1.0, 0.995, 0.99, 0.98, 0.97, 0.95, 0.925, 0.9, 0.85, 0.8, 0.7, 0.6)
 class DetectorLooks:
     """Looks of one detector at boxes in images, n in all; only those in range, in the image and not all hidden."""
 
-    sights: BoxSights
-    """How each box was seen, shape (5, n)."""
-    seen: Mask
-    """Whether the detector said what was true, shape (n,)."""
-    covered: Mask
-    """Whether the box was within all limits, shape (n,)."""
+    sights: BoxSights  # How each box was seen, shape (5, n)
+    seen: Mask  # Whether the detector said what was true, shape (n,)
+    covered: Mask  # Whether the box was within all limits, shape (n,)
     pose: Indices
     """Looks with the same number have much the same pose, and are learned from or judged together, shape (n,)."""
 

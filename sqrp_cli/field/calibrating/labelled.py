@@ -47,12 +47,9 @@ from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import SoughtBox, Target
 from sqrp_cli.skill.target_box import TargetBox
 
-SAME_POSE = 1.0
-"""Images of a motion so close together [s] are learned from, or judged, together."""
-FLAT = 1e-3
-"""Thickness of the box around a marker [m]."""
-LABELS = "labels.csv"
-"""The file of labels in a folder of frames."""
+SAME_POSE = 1.0  # Images of a motion so close together [s] are learned from, or judged, together
+FLAT = 1e-3  # Thickness of the box around a marker [m]
+LABELS = "labels.csv"  # The file of labels in a folder of frames
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _REQUIRED = ("camera", "file", "object", *_POSE)
 _VELOCITY = ("vx", "vy", "vz")

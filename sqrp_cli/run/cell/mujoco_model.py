@@ -32,31 +32,19 @@ with interrupts_later():
     import mujoco as mujoco  # reads its environment here; other modules import it from this one
 
 
-TIME_STEP = 0.002
-"""Of the physics [s]."""
-DENSITY = 500.0
-"""Of everything whose mass is not stated, as of wood or hollow plastic [kg/m^3]."""
-FRICTION = (0.8, 0.005, 0.0001)
-"""Coefficients of everything: sliding, turning [m] and rolling [m]."""
-ARMATURE = 0.1
-"""Inertia of each joint's motor and gear, as seen behind the gear [kg m^2, or kg]."""
-MARKER_DEPTH = 2e-4
-"""How far a marker stands out from its face, so that it is drawn in front of it [m]."""
-_MARKER_PIXELS = 32
-"""Of the texture along a module of a marker."""
-TIP = "tool tip"
-"""Name of the small sphere at the origin of the tool frame, from which suction reaches."""
-TIP_RADIUS = 1e-3
-"""Of that sphere [m]."""
-DRAWN, FELT = 0, 3
-"""Groups of geoms: those that cameras see, and those that only collide."""
+TIME_STEP = 0.002  # Of the physics [s]
+DENSITY = 500.0  # Of everything whose mass is not stated, as of wood or hollow plastic [kg/m^3]
+FRICTION = (0.8, 0.005, 0.0001)  # Coefficients of everything: sliding, turning [m] and rolling [m]
+ARMATURE = 0.1  # Inertia of each joint's motor and gear, as seen behind the gear [kg m^2, or kg]
+MARKER_DEPTH = 2e-4  # How far a marker stands out from its face, so that it is drawn in front of it [m]
+_MARKER_PIXELS = 32  # Of the texture along a module of a marker
+TIP = "tool tip"  # Name of the small sphere at the origin of the tool frame, from which suction reaches
+TIP_RADIUS = 1e-3  # Of that sphere [m]
+DRAWN, FELT = 0, 3  # Groups of geoms: those that cameras see, and those that only collide
 _ROBOT_COLOR: Rgb = (0.16, 0.16, 0.17)
-_FLOOR_COLOR: Rgb = (0.36, 0.35, 0.34)
-"""Without a hue that a detector looks for."""
-SHADOWS_AROUND = 1.5
-"""How far around arm and objects stated lights cast shadows: more than an arm's length [m]."""
-_SHADOW_PIXELS = 4096
-"""Along the map of each light's shadows: a pixel of a millimetre or two."""
+_FLOOR_COLOR: Rgb = (0.36, 0.35, 0.34)  # Without a hue that a detector looks for
+SHADOWS_AROUND = 1.5  # How far around arm and objects stated lights cast shadows: more than an arm's length [m]
+_SHADOW_PIXELS = 4096  # Along the map of each light's shadows: a pixel of a millimetre or two
 _ROBOT, _MOVABLE, _FIXED = 1, 2, 4
 """Bits of what may touch what: movable objects touch everything, the robot also fixed objects, but not itself."""
 _TOUCHES = {_ROBOT: 0, _MOVABLE: _ROBOT | _MOVABLE | _FIXED, _FIXED: _ROBOT}
@@ -66,8 +54,7 @@ _HARD = (0.99, 0.999, 1e-4)
 """Shares of a constraint's violation that are undone, without and with a violation of that width [m]."""
 _SLICE, _CORNERS = 0.01, 64
 """Width of the slices of a mesh of a hand of which each collides as its hull [m], and corners of that at most."""
-_LIGHTEST = 1e-3
-"""Least mass of a moving link [kg]."""
+_LIGHTEST = 1e-3  # Least mass of a moving link [kg]
 
 
 def build_model(workspace: Workspace, objects: Mapping[str, Array]) -> mujoco.MjModel:

@@ -18,18 +18,14 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.ros.messages import Message, MessageError
 from sqrp_cli.run.arm_motion import ArmMotion, JointStates
 
-AHEAD = 0.4
-"""How much of the motion a portion holds before its stop [s]."""
-EVERY = 0.08
-"""Time between two portions [s]."""
+AHEAD = 0.4  # How much of the motion a portion holds before its stop [s]
+EVERY = 0.08  # Time between two portions [s]
 LEAD = 0.02
 """From when a portion is sent to its first point [s]; until then the controller leads over from what it does."""
 SPACING = 0.02
 """Between two points [s]; with their velocities and accelerations a controller follows the path to micrometres."""
-SETTLES = 0.3
-"""After a motion, a robot that follows it with a lag may still be off for so long [s]."""
-JUMP = 0.02
-"""How far a portion may begin from where the robot will be by the one before [rad or m]."""
+SETTLES = 0.3  # After a motion, a robot that follows it with a lag may still be off for so long [s]
+JUMP = 0.02  # How far a portion may begin from where the robot will be by the one before [rad or m]
 Send = Callable[[Array, JointStates], None]
 """Takes points of a trajectory, the last one at rest: when they are, from when it is sent and begins [s], rising, shape
 (m,); and the joints then, shape (m, n) each."""
@@ -104,8 +100,7 @@ def _portion(reference: ArmMotion, now: float) -> tuple[Array, JointStates]:
     return times - now, JointStates(positions, velocities, accelerations)
 
 
-_REMEMBERED = 2000
-"""How many joint states are kept, to know where the robot was when an image was taken."""
+_REMEMBERED = 2000  # How many joint states are kept, to know where the robot was when an image was taken
 
 
 class JointLog:

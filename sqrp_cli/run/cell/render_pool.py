@@ -16,10 +16,8 @@ if TYPE_CHECKING:
 
 Task: TypeAlias = tuple[str, Array, float]
 """An image to draw: of a camera by name, at joint positions (MuJoCo's qpos), at time t [s]."""
-MOST_WORKERS = 8
-"""More would cost more memory than they save time."""
-DRAWN_WITHIN = 120.0
-"""A process that takes longer for an image [s] is taken for dead."""
+MOST_WORKERS = 8  # More would cost more memory than they save time
+DRAWN_WITHIN = 120.0  # A process that takes longer for an image [s] is taken for dead
 
 
 def start_drawing(model: mujoco.MjModel, cameras: Sequence[Camera], seed: int) -> Pool[Task, ImageArray]:

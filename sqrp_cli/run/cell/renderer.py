@@ -16,18 +16,14 @@ from sqrp_cli.platform.simulator import no_opengl
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.cell.mujoco_model import DRAWN, mujoco
 
-NEAR, FAR = 0.01, 50.0
-"""Clipping planes [m]."""
-NOISE = 1.5
-"""Standard deviation of every value of every pixel, of 255."""
+NEAR, FAR = 0.01, 50.0  # Clipping planes [m]
+NOISE = 1.5  # Standard deviation of every value of every pixel, of 255
 _SPARE = 64
 """By how many pixels the stored noise is larger than an image: it can be laid over one in `_SPARE` ** 2 ways."""
 _WIDEST = np.tan(np.radians(80.0))
 """Largest distance from the optical axis in the plane z = 1 that is drawn; beyond it images stay black."""
-_MOST_PIXELS = 2048
-"""Largest width and height of a drawn picture."""
-_BAND = 1_000_000
-"""Pixels whose distortion is undone at once."""
+_MOST_PIXELS = 2048  # Largest width and height of a drawn picture
+_BAND = 1_000_000  # Pixels whose distortion is undone at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +32,9 @@ class PixelSolids:
 
     body: NDArray[np.int64]
     """MuJoCo's number of the body, 0 for the floor and what belongs to none, shape (height, width)."""
-    z: Array
-    """Depth along the optical axis [m], shape (height, width)."""
-    x: Array
-    """Where the columns are in the plane z = 1, shape (width,)."""
-    y: Array
-    """Where the rows are in the plane z = 1, shape (height,)."""
+    z: Array  # Depth along the optical axis [m], shape (height, width)
+    x: Array  # Where the columns are in the plane z = 1, shape (width,)
+    y: Array  # Where the rows are in the plane z = 1, shape (height,)
 
 
 class Renderer:
@@ -158,14 +151,10 @@ class Renderer:
 class Optics:
     """How to draw the image of a camera."""
 
-    low: tuple[float, float]
-    """Upper left corner of the window of the plane z = 1 that is drawn, (x, y)."""
-    high: tuple[float, float]
-    """Its lower right corner."""
-    width: int
-    """Of the picture of that window [pixels]."""
-    height: int
-    """Of the picture of that window [pixels]."""
+    low: tuple[float, float]  # Upper left corner of the window of the plane z = 1 that is drawn, (x, y)
+    high: tuple[float, float]  # Its lower right corner
+    width: int  # Of the picture of that window [pixels]
+    height: int  # Of the picture of that window [pixels]
     maps: tuple[NDArray[np.float32], NDArray[np.float32]] | None
     """For each pixel of the image where it is in the picture, x and y, shape (height, width) of the image.
 

@@ -37,8 +37,7 @@ def _topic_name(name: str) -> str:
     return name
 
 
-TopicName = Annotated[str, AfterValidator(_topic_name)]
-"""A name that ROS allows for topics."""
+TopicName = Annotated[str, AfterValidator(_topic_name)]  # A name that ROS allows for topics
 
 
 @dataclass(frozen=True, kw_only=True)

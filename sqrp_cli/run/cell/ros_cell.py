@@ -27,16 +27,13 @@ from sqrp_cli.run.record.report import Stopped
 if TYPE_CHECKING:
     from sqrp_cli.run.cell.simulated_cell import CellState
 
-TICK = 0.004
-"""Longest wait for a message [s]."""
-JOINTS_OVERDUE = 0.12
-"""How old the newest joint states may get [s]."""
+TICK = 0.004  # Longest wait for a message [s]
+JOINTS_OVERDUE = 0.12  # How old the newest joint states may get [s]
 PAUSE, SETTLE = 0.1, 0.05
 """After a pause of our own this long [s], `/clock` is believed so much later [s]: what was sent has to be received."""
 STILL, MOVED = 0.1, 0.01
 """Joint states are frozen if they stay the same for this long [s] while the arm is wanted to move so far [rad]."""
-CLOCK_STOPS = 2.0
-"""Without a message on `/clock` for this long [s], time stands still."""
+CLOCK_STOPS = 2.0  # Without a message on `/clock` for this long [s], time stands still
 FLOOD_FACTOR, FLOOD_WINDOW, MOST_JOINT_STATES = 20.0, 0.5, 5000.0
 """A flood: so many times more images than a camera takes, or so many joint states a second, over a window [s]."""
 LONGEST_JUMP = 300.0

@@ -22,14 +22,10 @@ from sqrp_cli.run.cell.ros_cell import RosCell
 
 WATCHED, PERIODS = 1.0, 6
 """For how long the cell is watched at least [s], and for how many periods of its slowest camera."""
-PATIENCE = 15.0
-"""Longest time of this computer for that, and for what has not come by then [s]."""
-FEWEST = 3
-"""Images from which a rate is told."""
-MOVES = 0.002
-"""A robot whose joints change by more meanwhile is moving [rad or m]."""
-ANOTHER_CLOCK = 1e7
-"""Times that are further from ours are none of this computer's clock [s]."""
+PATIENCE = 15.0  # Longest time of this computer for that, and for what has not come by then [s]
+FEWEST = 3  # Images from which a rate is told
+MOVES = 0.002  # A robot whose joints change by more meanwhile is moving [rad or m]
+ANOTHER_CLOCK = 1e7  # Times that are further from ours are none of this computer's clock [s]
 _TF = "tf2_msgs/msg/TFMessage"
 _ON_TF = Place(Path("/tf"))
 _INFO = "sensor_msgs/msg/CameraInfo"
@@ -39,16 +35,11 @@ _INFO = "sensor_msgs/msg/CameraInfo"
 class CellCheck:
     """One thing that was compared."""
 
-    about: str
-    """Such as `cam1`."""
-    what: str
-    """Such as `rate`."""
-    found: str
-    """With its unit."""
-    expected: str
-    """With its unit; empty where nothing was."""
-    problem: str | None = None
-    """What is wrong, in a sentence."""
+    about: str  # Such as `cam1`
+    what: str  # Such as `rate`
+    found: str  # With its unit
+    expected: str  # With its unit; empty where nothing was
+    problem: str | None = None  # What is wrong, in a sentence
 
 
 def check_cell(cell: RosCell, start: Mapping[str, float]) -> list[CellCheck]:

@@ -23,20 +23,13 @@ from sqrp_cli.run.cell.render_pool import start_drawing
 from sqrp_cli.run.image import CameraImage, check_image_sizes
 from sqrp_cli.run.record.report import Stopped
 
-SUCTION_REACH = 3e-3
-"""Largest gap between the origin of the tool frame and a surface that suction closes [m]."""
-GRIP = 30.0
-"""Force of a finger, if its effort limit allows it [N]; of one that turns, at `FINGER_LENGTH`."""
-CLOSING_SPEED = 0.05
-"""Of a finger on its way to what it grasps [m/s]."""
-FINGER_LENGTH = 0.05
-"""Lever of a finger that turns [m]."""
-_SLIPPERY = 1e-4
-"""Coefficient of friction between fingers and what slips out of them."""
-BANDWIDTH = 60.0
-"""Of each joint's position loop, critically damped [rad/s]."""
-FURTHEST = 1e6
-"""No motor is driven further [rad or m]: a simulation that is told to go on does not get unstable."""
+SUCTION_REACH = 3e-3  # Largest gap between the origin of the tool frame and a surface that suction closes [m]
+GRIP = 30.0  # Force of a finger, if its effort limit allows it [N]; of one that turns, at `FINGER_LENGTH`
+CLOSING_SPEED = 0.05  # Of a finger on its way to what it grasps [m/s]
+FINGER_LENGTH = 0.05  # Lever of a finger that turns [m]
+_SLIPPERY = 1e-4  # Coefficient of friction between fingers and what slips out of them
+BANDWIDTH = 60.0  # Of each joint's position loop, critically damped [rad/s]
+FURTHEST = 1e6  # No motor is driven further [rad or m]: a simulation that is told to go on does not get unstable
 Follower: TypeAlias = tuple[int, int, float, float]
 """A joint that mimics another one, by their numbers in the model, with offset [rad or m] and multiplier."""
 
@@ -44,14 +37,10 @@ Follower: TypeAlias = tuple[int, int, float, float]
 class CellState(NamedTuple):
     """The ground truth of one moment: for injecting faults and for judging detections, never for perception."""
 
-    t: float
-    """On the cell's clock [s]."""
-    X_WO: Mapping[str, Array]
-    """Pose of every object in the world, shape (4, 4)."""
-    held: str | None
-    """The object in the tool, by weld or contact."""
-    joints: Mapping[str, float]
-    """Position of every movable joint of robot and tool [rad or m]."""
+    t: float  # On the cell's clock [s]
+    X_WO: Mapping[str, Array]  # Pose of every object in the world, shape (4, 4)
+    held: str | None  # The object in the tool, by weld or contact
+    joints: Mapping[str, float]  # Position of every movable joint of robot and tool [rad or m]
     tracking: float = 0.0
     """Distance of the tool frame from where the reference wanted it [m], root mean square over all steps so far."""
 

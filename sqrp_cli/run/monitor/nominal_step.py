@@ -15,8 +15,7 @@ from sqrp_cli.run.perception.detections import DetectionTargets
 from sqrp_cli.run.robot_body import RobotBody
 from sqrp_cli.skill.target_box import object_of
 
-SPACING = 0.02
-"""Sampling period of the nominal motion [s]."""
+SPACING = 0.02  # Sampling period of the nominal motion [s]
 
 
 def in_boxes(

@@ -25,8 +25,7 @@ from sqrp_cli.run.monitor.nominal_step import NominalStep
 from sqrp_cli.run.perception.detections import Detection, Evidence
 from sqrp_cli.run.record.report import Confusion, Disagreement
 
-PATIENCE = 0.3
-"""How long predicted evidence may be missing before the robot stops [s]; at least three images."""
+PATIENCE = 0.3  # How long predicted evidence may be missing before the robot stops [s]; at least three images
 _SAME = 1e-9
 
 
@@ -68,8 +67,7 @@ class Alarm:
 
     kind: OneOf["fault", "violation", "blindness"]
     """A fault was seen, a formula is violated, or evidence that was predicted is missing."""
-    name: str
-    """Of the fault, or the formula or atom."""
+    name: str  # Of the fault, or the formula or atom
     text: str
     response: ProgramResponse
 
@@ -84,10 +82,8 @@ class _Watch:
     entry: ProgramFormula
     operators: tuple[GroundOperator, ...]
     monitor: Monitor
-    alarm: Alarm | None
-    """What is raised once the fault is seen; of a requirement, once it is violated."""
-    over: bool = False
-    """Whether the alarm was raised."""
+    alarm: Alarm | None  # What is raised once the fault is seen; of a requirement, once it is violated
+    over: bool = False  # Whether the alarm was raised
 
 
 class Attempt:

@@ -41,13 +41,10 @@ class CellModel:
     cameras: Mapping[str, Camera]
     detectors: Mapping[str, Detector]
     objects: Mapping[str, SceneObject]
-    surfaces: Mapping[str, tuple[Surface, ...]]
-    """Of each object, one for each of its parts."""
+    surfaces: Mapping[str, tuple[Surface, ...]]  # Of each object, one for each of its parts
     robot: RobotBody
-    markers: Mapping[str, Marker]
-    """On links, by the link's name."""
-    shadows: bool = False
-    """Whether its stated lights cast shadows that move with the robot."""
+    markers: Mapping[str, Marker]  # On links, by the link's name
+    shadows: bool = False  # Whether its stated lights cast shadows that move with the robot
 
     @classmethod
     def of(cls, workspace: Workspace, robot: RobotBody) -> CellModel:
@@ -70,10 +67,8 @@ class CellModel:
 class DetectionTargets:
     """What to look for during a step."""
 
-    targets: Mapping[str, ProgramTarget]
-    """What decides each atom."""
-    starts: Mapping[str, Array]
-    """Pose of each object when the step began, (4, 4)."""
+    targets: Mapping[str, ProgramTarget]  # What decides each atom
+    starts: Mapping[str, Array]  # Pose of each object when the step began, (4, 4)
     when_open: Mapping[str, bool]
     """The value of each atom while the fingers of a gripper are open, for atoms that are about them."""
 
@@ -82,16 +77,12 @@ class DetectionTargets:
 class BelievedState:
     """The robot's knowledge of its own state at the time of an image."""
 
-    joints: Mapping[str, float]
-    """Positions by its encoders [rad or m]."""
-    holding: bool
-    """Whether the tool was commanded to hold."""
-    X_WO: Mapping[str, Array]
-    """Where objects are believed to be, (4, 4)."""
+    joints: Mapping[str, float]  # Positions by its encoders [rad or m]
+    holding: bool  # Whether the tool was commanded to hold
+    X_WO: Mapping[str, Array]  # Where objects are believed to be, (4, 4)
 
 
-NO_OUTLINE: Array = np.zeros((0, 2))
-"""The outline of a box that is not in the image."""
+NO_OUTLINE: Array = np.zeros((0, 2))  # The outline of a box that is not in the image
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,12 +92,9 @@ class BoxDetection:
     name: str
     evidence: Truth
     """Whether the image shows the object in it, the background where the object would be, or neither for sure."""
-    share: float
-    """Of the object's silhouette, or of a marker's outline, that could be judged, in 0..1."""
-    outline: Array
-    """Of the box in the image, shape (n, 2) [pixels]."""
-    because: MissReason = "detector limit"
-    """Why it is blind, if it is."""
+    share: float  # Of the object's silhouette, or of a marker's outline, that could be judged, in 0..1
+    outline: Array  # Of the box in the image, shape (n, 2) [pixels]
+    because: MissReason = "detector limit"  # Why it is blind, if it is
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,14 +103,11 @@ class Detection:
 
     camera: str
     t: float
-    frozen: bool
-    """Whether it is identical to the image before it; a working camera never repeats one."""
-    boxes: Mapping[str, tuple[BoxDetection, ...]] = field(default_factory=dict)
-    """By atom."""
+    frozen: bool  # Whether it is identical to the image before it; a working camera never repeats one
+    boxes: Mapping[str, tuple[BoxDetection, ...]] = field(default_factory=dict)  # By atom
     places: Mapping[str, Array] = field(default_factory=dict)
     """Position [m] of each object that was located, shape (3,)."""
-    seconds: float = 0.0
-    """Of work that it took."""
+    seconds: float = 0.0  # Of work that it took
 
     def truth(self, atom: str) -> Truth:
         """Whether the atom holds by this image alone: every box must show its object; a box without it refutes it."""
@@ -138,24 +123,16 @@ class Detection:
 class BoxQuestion:
     """A box in an image: whether that shows what the box is for."""
 
-    atom: str
-    """What is to be decided, such as `hold(g1)`."""
-    box: str
-    """Name of the box in the skill."""
-    object: str | None
-    """The object that it is for, if it is for one."""
-    color: str | None
-    """Of that object, as the workspace calls it."""
+    atom: str  # What is to be decided, such as `hold(g1)`
+    box: str  # Name of the box in the skill
+    object: str | None  # The object that it is for, if it is for one
+    color: str | None  # Of that object, as the workspace calls it
     marker: Marker | None
     """The marker on that object, or on the link that carries the box: `dictionary`, `id` and `side` [m]."""
-    size: tuple[float, float, float]
-    """Full extents of the box [m]."""
-    X_CB: Array
-    """Pose of the box in the optical frame of the camera (x right, y down, z forward), shape (4, 4)."""
-    outline: Array
-    """Of the box in the image, a convex polygon, shape (n, 2) [pixels]."""
-    clear: Mask
-    """The pixels of the outline that no part of the robot covers, by its encoders, shape (height, width)."""
+    size: tuple[float, float, float]  # Full extents of the box [m]
+    X_CB: Array  # Pose of the box in the optical frame of the camera (x right, y down, z forward), shape (4, 4)
+    outline: Array  # Of the box in the image, a convex polygon, shape (n, 2) [pixels]
+    clear: Mask  # The pixels of the outline that no part of the robot covers, by its encoders, shape (height, width)
 
 
 MakeDetector = Callable[[Camera], Any]
@@ -193,12 +170,9 @@ def plugin_errors(kind: str, what: str) -> Iterator[None]:
 class FusedTruth:
     """The value of an atom from all cameras together."""
 
-    truth: Truth
-    """UNKNOWN where too few cameras can judge it, or as many contradict."""
-    votes: Mapping[str, Truth]
-    """Of each camera that can judge it."""
-    conflict: bool
-    """Whether images that were taken at the same time contradict each other."""
+    truth: Truth  # UNKNOWN where too few cameras can judge it, or as many contradict
+    votes: Mapping[str, Truth]  # Of each camera that can judge it
+    conflict: bool  # Whether images that were taken at the same time contradict each other
 
 
 def fuse(atom: str, target: ProgramTarget, detections: Iterable[Detection]) -> FusedTruth:
@@ -216,20 +190,15 @@ def fuse(atom: str, target: ProgramTarget, detections: Iterable[Detection]) -> F
 class Evidence:
     """Images that were taken at one time, and what is known of that by all images that count then."""
 
-    t: float
-    """On the cell's clock [s]."""
-    tau: float | None
-    """Of the step's motion [s], None before it."""
-    truths: Mapping[str, bool]
-    """Ground truth of all atoms, for checking only."""
+    t: float  # On the cell's clock [s]
+    tau: float | None  # Of the step's motion [s], None before it
+    truths: Mapping[str, bool]  # Ground truth of all atoms, for checking only
     detections: dict[str, Detection | None] = field(default_factory=dict)
     """What the image of each camera shows, None for those that are under way."""
-    atoms: Mapping[str, FusedTruth] = field(default_factory=dict)
-    """What all images show that count then."""
+    atoms: Mapping[str, FusedTruth] = field(default_factory=dict)  # What all images show that count then
     complete: bool = False
     """Whether no image that was taken by then is under way any more, so that nothing that is known will change."""
-    told: Mapping[str, FusedTruth] | None = None
-    """What was last published of it."""
+    told: Mapping[str, FusedTruth] | None = None  # What was last published of it
 
     @property
     def values(self) -> dict[str, Truth]:

@@ -37,16 +37,11 @@ from sqrp_cli.skill.target_box import TargetBox
 
 TOLERANCE = 24
 """Largest difference of a colour channel (of 255) from the background; covers noise and mild changes of light."""
-SHADE_TOLERANCE = 0.12
-"""How much of a pixel's brightness may be of another hue in a shade of the background."""
-COLOR_BITS = 4
-"""Bits per channel of the coarse colours that make up the robot's palette."""
-LEAST_PALETTE_SHARE = 5e-4
-"""Share of the robot's pixels that a coarse colour must have to belong to its palette."""
-ABSENT_SHARE = 0.9
-"""Share of a marker's outline in which the background must be seen for the marker to be absent."""
-AROUND = 0.5
-"""How much of the image around a marker is looked at again, as a share of the marker's size in it."""
+SHADE_TOLERANCE = 0.12  # How much of a pixel's brightness may be of another hue in a shade of the background
+COLOR_BITS = 4  # Bits per channel of the coarse colours that make up the robot's palette
+LEAST_PALETTE_SHARE = 5e-4  # Share of the robot's pixels that a coarse colour must have to belong to its palette
+ABSENT_SHARE = 0.9  # Share of a marker's outline in which the background must be seen for the marker to be absent
+AROUND = 0.5  # How much of the image around a marker is looked at again, as a share of the marker's size in it
 
 
 class Background:
@@ -116,16 +111,11 @@ def _palette(pixels: ImageArray) -> Mask:
 class _Place:
     """A box in which an object may be, with what the image shows there."""
 
-    projected: ProjectedObject | None
-    """How the object would be seen there; None where it would not be."""
-    share: float = 0.0
-    """Of its silhouette that was judged, without what parts that the box encloses hide of it."""
-    hidden: float = 0.0
-    """Share of it that is taken to be behind the robot or another object."""
-    edge: float = 0.0
-    """Share of it along the edge of what hides it, one pixel wide, on the side that is visible."""
-    same_color: float = 0.0
-    """Share of it that shows its colour before a background of that colour."""
+    projected: ProjectedObject | None  # How the object would be seen there; None where it would not be
+    share: float = 0.0  # Of its silhouette that was judged, without what parts that the box encloses hide of it
+    hidden: float = 0.0  # Share of it that is taken to be behind the robot or another object
+    edge: float = 0.0  # Share of it along the edge of what hides it, one pixel wide, on the side that is visible
+    same_color: float = 0.0  # Share of it that shows its colour before a background of that colour
     filled: float = 0.0
     """As how much of the silhouette has the object's colour, without what has that colour anyway behind it.
 

@@ -40,11 +40,9 @@ from sqrp_cli.run.perception.vision import dilated, filled
 from sqrp_cli.run.record.report import Stopped
 from sqrp_cli.skill.target_box import TargetBox
 
-ANSWER_WITHIN = 20.0
-"""A process that takes longer than this for an image [s] counts as crashed."""
+ANSWER_WITHIN = 20.0  # A process that takes longer than this for an image [s] counts as crashed
 _ANSWER = bool | np.bool_ | None
-Asked: TypeAlias = tuple[str, TargetBox]
-"""A box to look at, after the atom that it decides."""
+Asked: TypeAlias = tuple[str, TargetBox]  # A box to look at, after the atom that it decides
 
 
 class ImageDetector:

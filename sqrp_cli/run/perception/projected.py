@@ -32,26 +32,19 @@ from sqrp_cli.run.robot_body import Surface
 from sqrp_cli.shapes import Box
 from sqrp_cli.skill.target_box import TargetBox, object_of
 
-TOUCH = 1e-3
-"""A piece that touches a far face of a box may reach this deep into it and still is behind it [m]."""
-LEAST_DEPTH = 0.02
-"""Points nearer to the lens than this [m] are not projected."""
+TOUCH = 1e-3  # A piece that touches a far face of a box may reach this deep into it and still is behind it [m]
+LEAST_DEPTH = 0.02  # Points nearer to the lens than this [m] are not projected
 
 
 @dataclass(frozen=True, eq=False)
 class ProjectedBox:
     """A box in an image."""
 
-    polygon: Array
-    """Its outline, (n, 2) [pixels], also beyond the image's edges."""
-    area: float
-    """Of that [pixels]."""
-    center: Array
-    """Image of its centre, (2,) [pixels]."""
-    depth: float
-    """Of its centre [m]."""
-    corners: Corners
-    """The polygon as `filled` wants it."""
+    polygon: Array  # Its outline, (n, 2) [pixels], also beyond the image's edges
+    area: float  # Of that [pixels]
+    center: Array  # Image of its centre, (2,) [pixels]
+    depth: float  # Of its centre [m]
+    corners: Corners  # The polygon as `filled` wants it
     far_faces: Array
     """Planes of the faces that the camera does not see: outward normals in the optical frame and how far they are
     from the lens, (k, 4) [1, m]."""
@@ -62,18 +55,12 @@ class ProjectedPart:
     """A part of a link or an object as p convex pieces."""
 
     parent: str
-    corners: Corners
-    """Of the pieces, (p, n, 2)."""
-    depths: Array
-    """Of their middles [m], (p,)."""
-    points: Array
-    """Their corners in the optical frame, (p, k, 3) [m]."""
-    low: Array
-    """Upper left corners of the rectangles around them [pixels], (p, 2)."""
-    high: Array
-    """Lower right corners of those, (p, 2)."""
-    hull: Corners
-    """Around all of them."""
+    corners: Corners  # Of the pieces, (p, n, 2)
+    depths: Array  # Of their middles [m], (p,)
+    points: Array  # Their corners in the optical frame, (p, k, 3) [m]
+    low: Array  # Upper left corners of the rectangles around them [pixels], (p, 2)
+    high: Array  # Lower right corners of those, (p, 2)
+    hull: Corners  # Around all of them
 
 
 def pieces_mask(
@@ -205,22 +192,17 @@ def _before(start: Array, end: Array) -> Array:
     return start + np.minimum(share, 1.0) * (end - start)
 
 
-FINEST = 512.0
-"""Pixels along the longer side of the picture in which an object is measured, at most."""
+FINEST = 512.0  # Pixels along the longer side of the picture in which an object is measured, at most
 
 
 @dataclass(frozen=True, eq=False)
 class ProjectedObject:
     """An object at a pose in an image."""
 
-    box: ProjectedBox
-    """The outline of its box."""
-    parts: Sequence[ProjectedPart]
-    """Its parts."""
-    area: float
-    """That the parts cover of the outline [pixels], also beyond the image's edges."""
-    offset: Array
-    """From the middle of the outline to that of the parts, (2,) [pixels]; 0 for an object that is a box."""
+    box: ProjectedBox  # The outline of its box
+    parts: Sequence[ProjectedPart]  # Its parts
+    area: float  # That the parts cover of the outline [pixels], also beyond the image's edges
+    offset: Array  # From the middle of the outline to that of the parts, (2,) [pixels]; 0 for an object that is a box
 
     @classmethod
     def of(cls, box: ProjectedBox, parts: Sequence[ProjectedPart]) -> ProjectedObject:

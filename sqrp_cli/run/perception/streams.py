@@ -23,22 +23,18 @@ from sqrp_cli.run.record.report import Stopped
 
 OVERDUE_PERIODS = 1.2
 """A stream has failed if its newest image is older than its latency and this many frame periods: one is missing."""
-LOOKING = 0.005
-"""Time between two looks for images that have come [s]."""
-MOST_WAITING = 3
-"""Most images of a camera that wait to be looked at; what comes then is left out."""
+LOOKING = 0.005  # Time between two looks for images that have come [s]
+MOST_WAITING = 3  # Most images of a camera that wait to be looked at; what comes then is left out
 SLACK, LOOKING_SLACK = 0.08, 0.3
 """How much later than in simulation an image may come, and be looked at, in real time [s]."""
-FIRST = 3.0
-"""How much longer the first image may take, for which the robot waits [s]."""
+FIRST = 3.0  # How much longer the first image may take, for which the robot waits [s]
 _REASONS = (
     ("camera-loss", "{names} {are} lost: no image for {ages}"),
     ("latency", "the images of {names} come too late: the newest {are} {ages} old"),
     ("perception-late", "this computer looks too slowly at images of {names}: it knows what they showed {ages} ago"),
 )
 """How streams fail, the worst first."""
-Expose = Callable[[Sequence[str]], Mapping[str, CameraImage]]
-"""Takes an image with each of some cameras, now."""
+Expose = Callable[[Sequence[str]], Mapping[str, CameraImage]]  # Takes an image with each of some cameras, now
 
 
 class _CameraStreams:
@@ -99,26 +95,19 @@ class _Stream:
     """A camera and its images; times of exposure on the cell's clock [s]."""
 
     camera: Camera
-    overdue: float
-    """How long after its latency an image is missed [s]."""
-    newest: float = 0.0
-    """Exposure of the newest image that came."""
-    exposures: int = 0
-    """Of a simulated camera, how many images it took, with those that were lost."""
+    overdue: float  # How long after its latency an image is missed [s]
+    newest: float = 0.0  # Exposure of the newest image that came
+    exposures: int = 0  # Of a simulated camera, how many images it took, with those that were lost
     lost: bool = False
     freezes: bool = False
     delay: float = 0.0
     last: CameraImage | None = None
-    came: float = 0.0
-    """Of a real camera, when the last image came [s]."""
-    seen: float = 0.0
-    """Exposure of the newest image that was looked at."""
-    begun: bool = False
-    """Whether any image was looked at since nobody did for a while."""
+    came: float = 0.0  # Of a real camera, when the last image came [s]
+    seen: float = 0.0  # Exposure of the newest image that was looked at
+    begun: bool = False  # Whether any image was looked at since nobody did for a while
     waiting: deque[tuple[CameraImage, BelievedState]] = field(default_factory=deque)
     """Images that nobody looks at yet, with what was believed when they were taken."""
-    looked_at: int = 0
-    """How many are being looked at."""
+    looked_at: int = 0  # How many are being looked at
 
 
 class ImageStreams(_CameraStreams):
@@ -266,5 +255,4 @@ class ReceivedStreams(_CameraStreams):
         return self._worst(lost, late, slow)
 
 
-Streams: TypeAlias = ImageStreams | ReceivedStreams
-"""The images of all cameras of a cell, simulated or real."""
+Streams: TypeAlias = ImageStreams | ReceivedStreams  # The images of all cameras of a cell, simulated or real

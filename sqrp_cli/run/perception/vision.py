@@ -21,8 +21,7 @@ cv2.setNumThreads(1)  # one process per core looks at images already
 
 FoundMarker: TypeAlias = tuple[int, Array]
 """The id of an ArUco marker in an image, and its corners [pixels], shape (4, 2)."""
-Crop: TypeAlias = tuple[slice, slice]
-"""The rows and columns of a part of an image; indexes it."""
+Crop: TypeAlias = tuple[slice, slice]  # The rows and columns of a part of an image; indexes it
 
 
 def color_mask(image: ImageArray, color: str) -> Mask:
@@ -154,10 +153,8 @@ def find_markers(image: ImageArray, dictionary: str = ORIGINAL, beside: Mask | N
     return sorted(found, key=itemgetter(0))
 
 
-_FRAME = 8
-"""Width of a white frame around the image [pixels]: the margin of a marker at the edge."""
-BRIGHT = 90
-"""Percentile of the pixels around a marker that is as bright as its margin."""
+_FRAME = 8  # Width of a white frame around the image [pixels]: the margin of a marker at the edge
+BRIGHT = 90  # Percentile of the pixels around a marker that is as bright as its margin
 
 
 @cache

@@ -23,19 +23,14 @@ from sqrp_cli.run.record.packed_image import encoded
 from sqrp_cli.run.robot_body import RobotBody
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 
-AS_PLANNED = "/as_planned"
-"""The topic that says whether everything goes as the program says."""
-EPOCH = 1_000_000_000
-"""What a clock of a recording says when the run's says 0 [s]: ROS takes a time of 0 for none."""
+AS_PLANNED = "/as_planned"  # The topic that says whether everything goes as the program says
+EPOCH = 1_000_000_000  # What a clock of a recording says when the run's says 0 [s]: ROS takes a time of 0 for none
 _SHOWN = {"true": (0.2, 0.9, 0.2), "false": (0.3, 0.6, 1.0), "blind": (0.95, 0.2, 0.2)}
 _COLOR, _TF = "std_msgs/msg/ColorRGBA", "tf2_msgs/msg/TFMessage"
 _MARKERS = "visualization_msgs/msg/MarkerArray"
-_ALPHA = 0.35
-"""Opacity of boxes."""
-_CUBE, _SPHERE, _CYLINDER, _MESH = 1, 2, 3, 10
-"""Types of `visualization_msgs/Marker`."""
-_LOG_LEVELS = {1: (2, 4), 2: (20, 30)}
-"""Of a log message that informs, and of one that warns, by the version of ROS."""
+_ALPHA = 0.35  # Opacity of boxes
+_CUBE, _SPHERE, _CYLINDER, _MESH = 1, 2, 3, 10  # Types of `visualization_msgs/Marker`
+_LOG_LEVELS = {1: (2, 4), 2: (20, 30)}  # Of a log message that informs, and of one that warns, by the version of ROS
 
 
 class BagRecorder:

@@ -28,8 +28,7 @@ from sqrp_cli.logic.truth import TruthWord
 from sqrp_cli.program.record import Program
 from sqrp_cli.run.record.report import Outcome, RunReport
 
-VERSION: Literal[1] = 1
-"""Of the log's fields."""
+VERSION: Literal[1] = 1  # Of the log's fields
 Numbers3 = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
 Numbers4 = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
 Numbers7 = Annotated[list[FiniteFloat], Field(min_length=7, max_length=7)]
@@ -266,14 +265,12 @@ KINDS: Mapping[str, type[Event]] = {
     kind: model for model in MODELS for kind in get_args(model.model_fields["event"].annotation)
 }
 """The records by the kind that the log calls them; the first state of a log is a `WHOLE_STATE` instead."""
-WHOLE_STATE = next(model for model in MODELS if "joints" in model.model_fields)
-"""The record of the first state."""
+WHOLE_STATE = next(model for model in MODELS if "joints" in model.model_fields)  # The record of the first state
 LINE: Any = Union[MODELS]  # noqa: UP007 - of as many as there are
 """The type of any line of a log, for its schema."""
 BETWEEN: Mapping[str, str] = {"step": "looks", "moving on": "moves on to look", "stopping": "stops"}
 """What the robot does from events of these kinds on until a primitive begins, in words."""
-Listener = Callable[[Event], None]
-"""Receives events: the log, the live view."""
+Listener = Callable[[Event], None]  # Receives events: the log, the live view
 
 
 def event(kind: str, t: float, **fields: Any) -> Event:  # noqa: ANN401 - as the kind has them

@@ -29,16 +29,12 @@ from sqrp_cli.run.image import SUBPIXEL, CameraImage, ImageArray, corners_of
 from sqrp_cli.run.record.bag_recorder import BagRecorder
 from sqrp_cli.run.record.packed_image import encoded
 
-INDEX = "frames.csv"
-"""The file that lists the frames of a folder."""
+INDEX = "frames.csv"  # The file that lists the frames of a folder
 _FILE = f"this file is no recording; expected an MCAP file, a bag of ROS, or a folder with {INDEX}"
 _COLUMNS = ("camera", "file", "step", "t")
-MAX_INDEX = 100_000_000
-"""Largest index of a folder of frames that is read [bytes]."""
-LONGEST_NAME = 60
-"""Most characters of a name, or of a number, that is compared with others."""
-_TILE = (320, 240)
-"""Width and height of a camera in a film [pixels]."""
+MAX_INDEX = 100_000_000  # Largest index of a folder of frames that is read [bytes]
+LONGEST_NAME = 60  # Most characters of a name, or of a number, that is compared with others
+_TILE = (320, 240)  # Width and height of a camera in a film [pixels]
 _PAINT = {Truth.TRUE: (60, 220, 60), Truth.FALSE: (90, 160, 255), Truth.UNKNOWN: (240, 60, 60)}
 Outlines = Iterable[tuple[Array, Truth]]
 """Outlines of boxes in an image (n, 2) [pixels], each with what the image shows of the box."""

@@ -18,8 +18,7 @@ from sqrp_cli.recording.texts import log_lines, no_log
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.record.events import KINDS, VERSION, WHOLE_STATE, Event, Listener
 
-SLACK = 0.01
-"""Largest step back between events [s], since the simulation's clock is discrete."""
+SLACK = 0.01  # Largest step back between events [s], since the simulation's clock is discrete
 
 
 @contextmanager
@@ -89,14 +88,10 @@ def read_log(path: Path) -> Iterator[Event]:
 class Track:
     """Where everything was during a run."""
 
-    t: Array
-    """Times on the run's clock [s], shape (n,)."""
-    joints: tuple[str, ...]
-    """Names of the j joints."""
-    q: Array
-    """Their positions, shape (n, j) [rad or m]."""
-    held: tuple[str | None, ...]
-    """What the tool held at each of the n times."""
+    t: Array  # Times on the run's clock [s], shape (n,)
+    joints: tuple[str, ...]  # Names of the j joints
+    q: Array  # Their positions, shape (n, j) [rad or m]
+    held: tuple[str | None, ...]  # What the tool held at each of the n times
     poses: Mapping[str, tuple[tuple[int, tuple[float, ...]], ...]]
     """Of each object in the world, as pairs of the index of a time and the pose from then on.
 

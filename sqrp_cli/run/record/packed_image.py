@@ -24,12 +24,9 @@ from sqrp_cli.files.input_file import read_input
 from sqrp_cli.ros.messages import Message
 from sqrp_cli.run.image import ImageArray
 
-JPEG_QUALITY = 95
-"""Of recorded images, of 100."""
-_SIGNATURE, _END = b"\x89PNG\r\n\x1a\n", b"\0\0\0\0IEND\xae\x42\x60\x82"
-"""How PNG files begin and end."""
-_HEADER_CHUNK = 25
-"""Bytes of the first chunk: its length, its name, 13 of content, its checksum."""
+JPEG_QUALITY = 95  # Of recorded images, of 100
+_SIGNATURE, _END = b"\x89PNG\r\n\x1a\n", b"\0\0\0\0IEND\xae\x42\x60\x82"  # How PNG files begin and end
+_HEADER_CHUNK = 25  # Bytes of the first chunk: its length, its name, 13 of content, its checksum
 _BYTES_PER_PIXEL, _SPARE_BYTES = 8, 10_000_000
 """Largest size of an image file: so much for each pixel (four values of 16 bits), and so much for the rest."""
 _JPEG, _JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"

@@ -10,10 +10,8 @@ from sqrp_cli.document import LEFT_OUT, Record, WorkspaceDocument, how_many
 from sqrp_cli.errors import SqrpError
 from sqrp_cli.records import dataclass
 
-PROCESSING = 0.02
-"""Time to process an image [s]: measured, 15 ms for one of 640x480 pixels."""
-TRUTH_SPACING = 0.002
-"""When a fault has come true is known to this: a step of the physics [s]."""
+PROCESSING = 0.02  # Time to process an image [s]: measured, 15 ms for one of 640x480 pixels
+TRUTH_SPACING = 0.002  # When a fault has come true is known to this: a step of the physics [s]
 Outcome = Literal["done", "stopped", "missed"]
 """Of a run: all steps were done; the robot stopped before; or all were done, but a fault that happened was never
 noticed."""
@@ -156,8 +154,7 @@ class Disagreement(Record):
     """Whether it is a usual image: not predicted, but such images usually show it."""
 
 
-Prediction = dict[str, dict[str, Confusion]]
-"""By atom and camera."""
+Prediction = dict[str, dict[str, Confusion]]  # By atom and camera
 
 
 def total_of(predictions: Iterable[Prediction]) -> Confusion:

@@ -185,8 +185,7 @@ class PageRow:
     retried: Collection[str] = ()  # the candidate's faults after which the robot tries again
 
 
-CellScene = tuple["ShowDocument", str]
-"""A cell: the document of `show --json`, and its `scene_model`, `packed`."""
+CellScene = tuple["ShowDocument", str]  # A cell: the document of `show --json`, and its `scene_model`, `packed`
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,8 +39,7 @@ _INK, _FAINT, _PAPER = (23, 33, 43), (91, 104, 117), (255, 255, 255)
 _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.abs(BOX_SIGNS[a] - BOX_SIGNS[b]).sum() == 2]
 _LEAST_Z = 0.01  # edges are drawn from this distance to the camera on [m]
 _FARTHEST = 1e4  # edges are drawn up to this distance outside the image [pixels]
-Caption = tuple[str, Color | None]
-"""A line under a picture, after a spot of a colour if there is one."""
+Caption = tuple[str, Color | None]  # A line under a picture, after a spot of a colour if there is one
 Picture = tuple[Any, Sequence[Caption]]
 """A camera's image with outlined boxes, as Pillow's image, and the lines under it."""
 SHEET = "contact-sheet.png"

@@ -34,8 +34,7 @@ LONGEST_TITLE = 9  # words of a title up to this length are never broken
 LEAST_FOLDED = 16  # least width of a column with folded text [cells]
 _BEFORE_UNIT = re.compile(r"(?<=[0-9]) (?=(?:s|ms|%|m|mm|cm|deg|px|Hz|points?)(?![A-Za-z]))")
 """A space between a number and its unit, where no line is folded."""
-_COMMAND = re.compile(r"\b(?:sqrp|pip|uv|git) [a-z]")
-"""Of a line that is copied, and so never folded."""
+_COMMAND = re.compile(r"\b(?:sqrp|pip|uv|git) [a-z]")  # Of a line that is copied, and so never folded
 _KEPT = "\ue000"  # stands for that space meanwhile, as no text has it
 SEVERITY_STYLES = {"error": "bold red", "warning": "yellow"}  # styles of errors and warnings
 
@@ -64,8 +63,7 @@ def seconds(t: float | None, sign: str = "") -> str:
     return "-" if t is None else f"{sign}{t:.2f}"
 
 
-TableCell = Styled | float | None
-"""Text, or a share in 0..1: a bar and a number, or only the number if space is short."""
+TableCell = Styled | float | None  # Text, or a share in 0..1: a bar and a number, or only the number if space is short
 _captured: ContextVar[Console | None] = ContextVar("captured", default=None)
 """The console of results while they are captured as text."""
 NOTEBOOK_WIDTH = 100  # columns of results in a notebook

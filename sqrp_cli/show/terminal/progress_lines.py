@@ -10,8 +10,7 @@ from contextvars import ContextVar
 from enum import IntEnum
 from math import ceil
 
-Advance = Callable[..., None]
-"""Called when parts of the work are done, with how many, or with nothing for one."""
+Advance = Callable[..., None]  # Called when parts of the work are done, with how many, or with nothing for one
 PERIOD = 10.0  # least time before the first line and between two [s]
 SLOWER = 0.2  # least time between two lines, as a share of what has passed: a step of hours has tens of lines
 lines_wanted: ContextVar[bool] = ContextVar("lines_wanted", default=True)  # not beside a document

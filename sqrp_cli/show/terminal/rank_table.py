@@ -139,8 +139,7 @@ def print_ways(candidates: Iterable[CandidateResult]) -> None:
             print_table([Column("way"), *numbers(*titles)], rows)
 
 
-_Filled = tuple[Column, Sequence[TableCell]]
-"""A column with the cells of all rows."""
+_Filled = tuple[Column, Sequence[TableCell]]  # A column with the cells of all rows
 
 
 def _print_feasible(feasible: Sequence[CandidateResult], shown: Sequence[CandidateResult]) -> None:
