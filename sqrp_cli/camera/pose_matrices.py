@@ -60,7 +60,16 @@ def read_pose(
     """
     if re.search(FACTS["colmap_images"], text):
         document, title = SourceDocument(path, content, {}, {}, {}), "COLMAP's images.txt"
-        found = _colmap_images(text, path)
+        found = list[PoseNumbers]()
+        # In every other line number, quaternion, position, camera and name of an image.
+        lines = [line.split(maxsplit=9) for line in text.splitlines() if not line.lstrip().startswith("#")]
+        for words in [words for words in lines[::2] if words]:
+            numbers = [as_number(word) for word in words[1:8]]
+            if len(words) < 10 or not np.isfinite(numbers).all():
+                message = f"found `{' '.join(words)[:60]}`, expected number, qw qx qy qz, tx ty tz, camera and name"
+                raise bad_input("wrong-length", message, Place(path))
+            name = words[9].strip()
+            found.append(PoseNumbers(name, (), numbers[:4], numbers[4:], "wxyz", "frame", None, "optical"))
     else:
         refuse_unread(path, content, "hand_eye")
         document, syntax = read_calibration_text(path, FACTS["pose_keys"])
@@ -77,19 +86,6 @@ def read_pose(
         mend = f"say which: `{asked}: {{file: {path.name}, camera: {names[0]}}}`"
         raise bad_input("ambiguous-entry", f"the file has the poses {first_names(names)}", place, mend=mend)
     return one, _X_of(one, document.value_place(one.at), asked, entry), document, title
-
-
-def _colmap_images(text: str, path: Path) -> list[PoseNumbers]:
-    """The images of COLMAP's `images.txt`: in every other line number, quaternion, position, camera and name."""
-    lines = [line.split(maxsplit=9) for line in text.splitlines() if not line.lstrip().startswith("#")]
-    found = []
-    for words in [words for words in lines[::2] if words]:
-        numbers = [as_number(word) for word in words[1:8]]
-        if len(words) < 10 or not np.isfinite(numbers).all():
-            message = f"found `{' '.join(words)[:60]}`, expected number, qw qx qy qz, tx ty tz, camera and name"
-            raise bad_input("wrong-length", message, Place(path))
-        found.append(PoseNumbers(words[9].strip(), (), numbers[:4], numbers[4:], "wxyz", "frame", None, "optical"))
-    return found
 
 
 def _poses_in(document: SourceDocument) -> list[PoseNumbers]:

@@ -148,9 +148,17 @@ class RecordedMotions:
         """Where an object begins that a tool at X_WT takes first, upright: (4, 4). X_WO: where the others are."""
         size, X_WB = np.array(self.objects[name].size), np.eye(4)
         X_WB[:3, :3] = rpy_to_matrix((0.0, 0.0, float(np.arctan2(X_WT[1, 0], X_WT[0, 0]))))
+        # On which side along y of the tool frame the only jaw is that moves: 1 or -1; 0 where none or several move.
+        X_WL = model.link_poses(
+            np.stack([model.with_fingers(model.home, one) for one in (model.fingers.closed, model.fingers.open)])
+        )
+        X_TL = [inverse(X_WL[model.tool_frame]) @ X_WL[link] for link in model.fingers.links]
+        moved = [float((opened @ inverse(closed))[1, 3]) for closed, opened in X_TL]  # of what is there when closed
+        ways = {float(np.sign(way)) for way in moved if abs(way) > 1e-4}
+        side = ways.pop() if len(ways) == 1 else 0.0
         # Before a tip that it sticks to, in the middle between fingers, else beside the jaw on whose face the frame is.
         ahead = 0.0 if model.fingers.joints else 0.5 * size[2]
-        aside = 0.5 * moving_side(model) * np.abs(X_WT[:3, 1] @ X_WB[:3, :3]) @ size
+        aside = 0.5 * side * np.abs(X_WT[:3, 1] @ X_WB[:3, :3]) @ size
         X_WB[:3, 3] = X_WT[:3, 3] + ahead * X_WT[:3, 2] + aside * X_WT[:3, 1]
         # On what is below, if it is less than its height deep in that, or less than half of it above.
         middle, bottom = PlacedBox(X_WB, np.zeros(3)), X_WB[2, 3] - 0.5 * size[2]
@@ -172,16 +180,6 @@ class RecordedMotions:
         depths = sorted((-own.gap(box), other) for other, box in self._boxes(others) if other != name)
         for other, deep in {other: depth for depth, other in depths if depth > 1e-3}.items():  # of its parts, the most
             yield f"`{name}` begins {shown_length(deep)} inside `{other}`: state `pose` in `recordings`, or move that"
-
-
-def moving_side(model: RobotModel) -> float:
-    """On which side along y of the tool frame the only jaw is that moves: 1 or -1; 0 where none or several move."""
-    ends = [model.with_fingers(model.home, one) for one in (model.fingers.closed, model.fingers.open)]
-    X_WL = model.link_poses(np.stack(ends))
-    X_TL = [inverse(X_WL[model.tool_frame]) @ X_WL[link] for link in model.fingers.links]
-    moved = [float((opened @ inverse(closed))[1, 3]) for closed, opened in X_TL]  # of what is at the frame when closed
-    ways = {float(np.sign(way)) for way in moved if abs(way) > 1e-4}
-    return ways.pop() if len(ways) == 1 else 0.0
 
 
 def limits_broken(motion: Motion, scene: CollisionScene, handled: Collection[str]) -> Iterator[str]:

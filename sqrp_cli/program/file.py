@@ -126,20 +126,19 @@ def check_program(program: Program, path: Path, workspace: Workspace, replaced: 
     if where != workspace.path and (where.exists() or doubt is not None):
         raise bad_input("other-workspace", f"this program was made for {where}, not for {workspace.path}", Place(path))
     anew = doubt is not None and replaced == len(program.steps) > 0
-    if doubt is not None and not (anew and _begins_as_stated(program)):
-        raise InputError(doubt)
+    if doubt is not None:
+        if not anew:
+            raise InputError(doubt)
+        # Whether it starts in the world of its workspace as that was: the facts, where objects lie, the arm at home.
+        said, world = program.made_for, program.steps[0].before
+        here, free = canonical_values(world, {}), world.X_WO.keys() - {world.held}
+        lying = (said.get(f"object {name}", {}).get("pose") == here[f"X_WO {name}"][""] for name in free)
+        joints = ((said.get(f"joint {name}", {}), here[f"joint {name}"][""]) for name in world.joints)
+        home = (one.get("home", position) == position for one, position in joints)
+        if {*said.get("state", {})} != {*map(str, world.facts)} or not all(lying) or not all(home):
+            raise InputError(doubt)
     check_unedited(program, path)
     return anew
-
-
-def _begins_as_stated(program: Program) -> bool:
-    """Whether a program starts in the world of its workspace as that was: the facts, where objects lie, arm at home."""
-    said, world = program.made_for, program.steps[0].before
-    here, free = canonical_values(world, {}), world.X_WO.keys() - {world.held}
-    lying = (said.get(f"object {name}", {}).get("pose") == here[f"X_WO {name}"][""] for name in free)
-    joints = ((said.get(f"joint {name}", {}), here[f"joint {name}"][""]) for name in world.joints)
-    home = (one.get("home", position) == position for one, position in joints)
-    return {*said.get("state", {})} == {*map(str, world.facts)} and all(lying) and all(home)
 
 
 def check_unedited(program: Program, path: Path) -> None:

@@ -65,7 +65,14 @@ class SightScene:
             part=np.array([rank[solid.name] for solid in solids], dtype=np.int64),
             is_scenery=np.array([solid.color is not None for solid in solids], dtype=bool),
         )
-        self._lights = np.array([_light_record(light) for light in lights.values()], dtype=kernel.LIGHT)
+        records = list[tuple[object, ...]]()
+        for light in lights.values():
+            if light.is_ambient:
+                records.append((0, light.intensity, np.zeros(3), np.zeros(3), 0.0))
+            else:
+                kind, place = (1, np.zeros(3)) if light.position is None else (2, light.position)
+                records.append((kind, light.intensity, light.heading, place, cos(light.half_beam)))
+        self._lights = np.array(records, dtype=kernel.LIGHT)
         self._masks: dict[object, Array] = {}
         self._scenes: dict[tuple[tuple[Projection, ...], tuple[SoughtBox, ...]], kernel.Scene] = {}
 
@@ -84,40 +91,42 @@ class SightScene:
         )
 
     def _scene(self, cameras: Sequence[Projection], boxes: Sequence[SoughtBox]) -> kernel.Scene:
+        """The scene as the kernel reads it, with what some cameras look for."""
         masks = np.array([self._mask(box) for box in boxes], dtype=bool).reshape(len(boxes), 3, len(self._solids))
+        sought, lenses = list[tuple[object, ...]](), list[tuple[object, ...]]()
+        for box in boxes:
+            shrunk, limits, reads = shrink(box.size, box.normal), box.limits, 0.0
+            if limits.is_usual and limits.dictionaries:
+                codes = [DICTIONARIES[name] for name in limits.dictionaries]
+                reads = max(
+                    one.modules * (MODULE_PIXELS * ((one.modules - 2) / (1 + one.corrected)) ** PER_BIT)
+                    for one in codes
+                )
+            told = brightness_of(box.color) if box.color is not None else ANY_BRIGHTNESS
+            told = MARKER if limits.kind == "aruco" else told
+            # Whether what the image's edge leaves of a box counts as what a part does that hides some of it.
+            truncates = limits.is_usual and limits.kind == "color"
+            sought.append((
+                0.5 * np.asarray(box.size), *shrunk, box.normal or (0.0, 0.0, 0.0), box.normal is not None,
+                *limits.distance, limits.max_incidence, limits.min_pixels, limits.min_visible, truncates,
+                reads, *told, box.color is None, self._frame(box.frame), box.X_FB[:3],
+            ))  # fmt: skip
+        for projection in cameras:
+            one = projection.camera
+            bent = np.pad(np.asarray(one.distortion, dtype=float), (0, 8 - len(one.distortion)))
+            lenses.append((
+                _LENSES[one.distortion_model], bent, projection.radius, one.matrix[:2], one.width, one.height, one.near,
+                one.far, one.gain or 1.0, one.X_FC[:3], self._frame(one.frame),
+            ))  # fmt: skip
         return self._with_solids(
-            boxes=np.array([self._box_record(box) for box in boxes], dtype=kernel.BOX),
+            boxes=np.array(sought, dtype=kernel.BOX),
             masks=masks.transpose(1, 2, 0),
-            cameras=np.array(list(map(self._camera_record, cameras)), dtype=kernel.CAMERA),
+            cameras=np.array(lenses, dtype=kernel.CAMERA),
             lights=self._lights,
         )
 
     def _frame(self, name: str) -> int:
         return self._frames.setdefault(name, len(self._frames))
-
-    def _camera_record(self, projection: Projection) -> tuple[object, ...]:
-        one = projection.camera
-        bent = np.pad(np.asarray(one.distortion, dtype=float), (0, 8 - len(one.distortion)))
-        return (
-            _LENSES[one.distortion_model], bent, projection.radius, one.matrix[:2], one.width, one.height, one.near,
-            one.far, one.gain or 1.0, one.X_FC[:3], self._frame(one.frame),
-        )  # fmt: skip
-
-    def _box_record(self, box: SoughtBox) -> tuple[object, ...]:
-        shrunk, limits, reads = shrink(box.size, box.normal), box.limits, 0.0
-        if limits.is_usual and limits.dictionaries:
-            codes = [DICTIONARIES[name] for name in limits.dictionaries]
-            reads = max(
-                one.modules * (MODULE_PIXELS * ((one.modules - 2) / (1 + one.corrected)) ** PER_BIT) for one in codes
-            )
-        told = MARKER if limits.kind == "aruco" else ANY_BRIGHTNESS if box.color is None else brightness_of(box.color)
-        # Whether what the image's edge leaves of a box counts as what a part does that hides some of it.
-        truncates = limits.is_usual and limits.kind == "color"
-        return (
-            0.5 * np.asarray(box.size), *shrunk, box.normal or (0.0, 0.0, 0.0), box.normal is not None,
-            *limits.distance, limits.max_incidence, limits.min_pixels, limits.min_visible, truncates,
-            reads, *told, box.color is None, self._frame(box.frame), box.X_FB[:3],
-        )  # fmt: skip
 
     def _mask(self, box: SoughtBox) -> Array:
         """Whether each solid can hide the box, looks like what it seeks, and is that, shape (3, s)."""
@@ -137,10 +146,3 @@ class SightScene:
     @cached_property
     def _colors(self) -> list[str | None]:
         return list(dict.fromkeys(solid.color for solid in self._solids))
-
-
-def _light_record(light: Light) -> tuple[object, ...]:
-    if light.is_ambient:
-        return 0, light.intensity, np.zeros(3), np.zeros(3), 0.0
-    place = light.position
-    return 1 if place is None else 2, light.intensity, light.heading, place or np.zeros(3), cos(light.half_beam)

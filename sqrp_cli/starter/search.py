@@ -20,7 +20,7 @@ from sqrp_cli.starter.arm_guess import LEAST_SWING, ArmGuess
 from sqrp_cli.starter.layout import TASK, Cube, Layout, Point
 from sqrp_cli.task.feasibility import feasible_motion
 from sqrp_cli.task.grips import grips
-from sqrp_cli.task.task import Candidate, read_task
+from sqrp_cli.task.task import read_task
 
 LIFTS = (0.0, 0.15, 0.3, 0.45)
 """Heights of the root above the table to try, as shares of the reach: small arms need a pedestal to point down."""
@@ -255,6 +255,7 @@ def cubes_in_reach(cell: Cell, trial: Sequence[Cube]) -> tuple[Sequence[Cube], s
     """
     cubes = {cube.name: cube for cube in trial}
     candidates = [(cubes[one.binding["object"]], one) for one in read_task(TASK, cell.workspace).candidates]
+    world, at_home = cell.initial_world, cell.model.tool_pose(cell.model.home)
     found: list[Cube] = []
     first = ""
     for turns in (slice(0, 1), slice(1, None)):
@@ -262,10 +263,14 @@ def cubes_in_reach(cell: Cell, trial: Sequence[Cube]) -> tuple[Sequence[Cube], s
             if cube in found or len(found) == len(COLORS):
                 continue
             why = "there is one way to grip it"
-            for grip in grips(cell, candidate, cell.initial_world)[turns]:
-                if first and not may_reach(cell.model, _waypoints(cell, grip)):
-                    continue
-                motion = feasible_motion(cell, grip, cell.initial_world)
+            for grip in grips(cell, candidate, world)[turns]:
+                if first:  # one failed: of the others, only those are planned whose waypoints may all be reached
+                    settings = grip.skill.waypoints, grip.binding, grip.values
+                    grounder = WaypointGrounder(*settings, cell.workspace.objects, at_home, world.X_WO, {})
+                    X_WT = np.array([grounder.pose(name) for name in grip.skill.waypoints])
+                    if not may_reach(cell.model, X_WT):
+                        continue
+                motion = feasible_motion(cell, grip, world)
                 if not isinstance(motion, Infeasible):
                     found.append(cube)
                     break
@@ -276,13 +281,6 @@ def cubes_in_reach(cell: Cell, trial: Sequence[Cube]) -> tuple[Sequence[Cube], s
     numbers = [COLORS[: index + 1].count(color) for index, color in enumerate(COLORS)]
     named = zip(found, COLORS, numbers, strict=False)
     return [replace(cube, name=f"{color[0]}{number}", color=color) for cube, color, number in named], first
-
-
-def _waypoints(cell: Cell, grip: Candidate) -> Array:
-    """Poses of the tool frame at all waypoints of a grip, (k, 4, 4)."""
-    settings, at_home = (grip.skill.waypoints, grip.binding, grip.values), cell.model.tool_pose(cell.model.home)
-    grounder = WaypointGrounder(*settings, cell.workspace.objects, at_home, cell.initial_world.X_WO, {})
-    return np.array([grounder.pose(name) for name in grip.skill.waypoints])
 
 
 def views_of(cell: Cell, layout: Layout, cubes: Sequence[Cube], lift: float) -> dict[str, tuple[Point, Point]]:

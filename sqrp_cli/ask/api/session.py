@@ -72,7 +72,16 @@ class Session:
             world = start
         task = read_task(ask.task, cell.workspace, world.facts)
         if task.skill.recorded is not None:
-            _check_recorded(ask, written)
+            # What makes no sense of a recording: its motions are what they are.
+            for name, value, why in (
+                ("program", written, "no program can be written of it"),
+                ("after", ask.after, "it begins where it began"),
+                ("ways", ask.ways if ask.ways != "best" else None, "each episode is done in one way only"),
+                ("max_time", getattr(ask, "max_time", None), "its episodes take as long as they took"),
+            ):
+                if value is not None:
+                    option = ask.called(name) if name != "program" else "--program"
+                    raise bad_option(f"`{ask.task}` is a recording, so {why}", mend=f"leave {option} out")
         job = ask.job(cell, world)
         if job.wanted.fastest:
             task = replace(task, candidates=tuple(map(first_grip, task.candidates)))
@@ -130,19 +139,6 @@ class Session:
         again, start, _ = _goes_on(file, self.task.text, self.cell) if file.exists() else (0, self.job.world, False)
         replaced = again if _same(start, self.job.world) else 0
         add_steps(self.cell, steps_of(self, chosen), self.job.sampling, file, replaced)
-
-
-def _check_recorded(ask: TaskRequest, written: Path | None) -> None:
-    """Raises InputError for what makes no sense of a recording: its motions are what they are."""
-    for name, value, why in (
-        ("program", written, "no program can be written of it"),
-        ("after", ask.after, "it begins where it began"),
-        ("ways", ask.ways if ask.ways != "best" else None, "each episode is done in one way only"),
-        ("max_time", getattr(ask, "max_time", None), "its episodes take as long as they took"),
-    ):
-        if value is not None:
-            option = ask.called(name) if name != "program" else "--program"
-            raise bad_option(f"`{ask.task}` is a recording, so {why}", mend=f"leave {option} out")
 
 
 def _same(one: World, other: World) -> bool:
