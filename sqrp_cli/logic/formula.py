@@ -122,12 +122,6 @@ def argument_lists(action: pddl.Action) -> ArgumentLists:
     return {predicate: tuple(found) for predicate, found in lists.items()}
 
 
-def named_primitives(formula: Formula) -> set[str]:
-    """The primitive actions that the intervals of a formula name."""
-    intervals = [part.interval for part in pddl.nested(formula) if part.interval is not None]
-    return {one.primitive for interval in intervals for one in (interval.start, interval.end) if one.primitive}
-
-
 def check_formula(
     formula: Formula, domain: pddl.Domain, action: pddl.Action, primitives: Sequence[str]
 ) -> Iterator[Problem]:

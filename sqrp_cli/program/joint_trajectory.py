@@ -67,7 +67,8 @@ def tool_commands(program: Program) -> tuple[ToolCommand, ...]:
     """The tool commands of the whole program, in order."""
     commands, begin = [], 0.0
     for number, step in enumerate(program.steps, 1):
-        for primitive, after in zip(step.primitives, step.held_after, strict=True):
+        held = [*(primitive.held for primitive in step.primitives), step.after.held]  # last, what it holds at the end
+        for primitive, after in zip(step.primitives, held[1:], strict=True):
             span = (begin + primitive.start, begin + primitive.end)
             if primitive.held is not None and primitive.held != after:
                 commands.append(ToolCommand(number, "release", primitive.held, *span))

@@ -219,12 +219,6 @@ class Step(Entry):
         """Every fact that formulas are about in words, by atom."""
         return {atom: self.in_words(atom) for atom in self.targets}
 
-    @property
-    def held_after(self) -> tuple[str | None, ...]:
-        """What the tool holds after each primitive."""
-        held = [*(primitive.held for primitive in self.primitives), self.after.held]
-        return tuple(held[1:] if self.primitives else [])
-
 
 class Program(Entry):
     """Steps for one workspace, in the order in which they are done.

@@ -64,11 +64,6 @@ class Goal(Record):
         parts = [f"{FIGURE_NAMES[name]} {100 * value:.4g} %" for name, value, _ in self._stated(QUALITIES)]
         return ", ".join([*parts, *(f"{FIGURE_NAMES[name]} {value:.4g} s" for name, value, _ in self._stated(TIMES))])
 
-    @property
-    def only_events(self) -> bool:
-        """Whether it is about Q_eoi and, at most, the duration."""
-        return self.q_eoi is not None and self.q_avg is None and self.delay is None
-
     def missed(self, found: CandidateResult) -> tuple[str, ...]:
         """One short text for each part that a candidate does not meet, such as `time seen 0.0 %, not 100 %`."""
         if not found.feasible:

@@ -179,7 +179,8 @@ class Question:
 
         Those take a fraction of the whole motion's time.
         """
-        if not self.goal.only_events:
+        goal = self.goal
+        if goal.q_eoi is None or goal.q_avg is not None or goal.delay is not None:
             return self.feasible_analysis.steps
         found = []
         for step in (step for step in self.feasible_analysis.steps if step.planned.T_eoi):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property, partial
+from functools import partial
 from math import cos
 
 import numpy as np
@@ -48,7 +48,7 @@ class SightScene:
 
     def __init__(self, solids: Sequence[Solid], lights: Mapping[str, Light]) -> None:
         """Lights are numbered in their order, solids too."""
-        self._solids = solids
+        self._solids, self._colors = solids, list(dict.fromkeys(solid.color for solid in solids))
         parents = [solid.part.parent for solid in solids]
         self._frames = {name: number for number, name in enumerate(dict.fromkeys(parents))}
         self._called: dict[str, list[int]] = {}  # the solids of each link, object or part, by index
@@ -94,6 +94,8 @@ class SightScene:
         """The scene as the kernel reads it, with what some cameras look for."""
         masks = np.array([self._mask(box) for box in boxes], dtype=bool).reshape(len(boxes), 3, len(self._solids))
         sought, lenses = list[tuple[object, ...]](), list[tuple[object, ...]]()
+        for name in (*(box.frame for box in boxes), *(one.camera.frame for one in cameras)):
+            self._frames.setdefault(name, len(self._frames))
         for box in boxes:
             shrunk, limits, reads = shrink(box.size, box.normal), box.limits, 0.0
             if limits.is_usual and limits.dictionaries:
@@ -102,21 +104,22 @@ class SightScene:
                     one.modules * (MODULE_PIXELS * ((one.modules - 2) / (1 + one.corrected)) ** PER_BIT)
                     for one in codes
                 )
-            told = brightness_of(box.color) if box.color is not None else ANY_BRIGHTNESS
-            told = MARKER if limits.kind == "aruco" else told
+            told = (
+                MARKER if limits.kind == "aruco" else ANY_BRIGHTNESS if box.color is None else brightness_of(box.color)
+            )
             # Whether what the image's edge leaves of a box counts as what a part does that hides some of it.
             truncates = limits.is_usual and limits.kind == "color"
             sought.append((
                 0.5 * np.asarray(box.size), *shrunk, box.normal or (0.0, 0.0, 0.0), box.normal is not None,
                 *limits.distance, limits.max_incidence, limits.min_pixels, limits.min_visible, truncates,
-                reads, *told, box.color is None, self._frame(box.frame), box.X_FB[:3],
+                reads, *told, box.color is None, self._frames[box.frame], box.X_FB[:3],
             ))  # fmt: skip
         for projection in cameras:
             one = projection.camera
             bent = np.pad(np.asarray(one.distortion, dtype=float), (0, 8 - len(one.distortion)))
             lenses.append((
                 _LENSES[one.distortion_model], bent, projection.radius, one.matrix[:2], one.width, one.height, one.near,
-                one.far, one.gain or 1.0, one.X_FC[:3], self._frame(one.frame),
+                one.far, one.gain or 1.0, one.X_FC[:3], self._frames[one.frame],
             ))  # fmt: skip
         return self._with_solids(
             boxes=np.array(sought, dtype=kernel.BOX),
@@ -124,9 +127,6 @@ class SightScene:
             cameras=np.array(lenses, dtype=kernel.CAMERA),
             lights=self._lights,
         )
-
-    def _frame(self, name: str) -> int:
-        return self._frames.setdefault(name, len(self._frames))
 
     def _mask(self, box: SoughtBox) -> Array:
         """Whether each solid can hide the box, looks like what it seeks, and is that, shape (3, s)."""
@@ -142,7 +142,3 @@ class SightScene:
             found[1] &= ~found[2]
             self._masks[key] = found
         return self._masks[key]
-
-    @cached_property
-    def _colors(self) -> list[str | None]:
-        return list(dict.fromkeys(solid.color for solid in self._solids))

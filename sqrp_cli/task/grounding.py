@@ -15,7 +15,7 @@ from sqrp_cli.files.entries import from_fields
 from sqrp_cli.files.frames import AT_START, TOOL, frame_poses, link_called
 from sqrp_cli.geometry import Array, inverse, pose
 from sqrp_cli.logic.domain import nested
-from sqrp_cli.logic.formula import Formula, Operation, Predicate, argument_lists, bind, named_primitives
+from sqrp_cli.logic.formula import Formula, Operation, Predicate, argument_lists, bind
 from sqrp_cli.logic.formula_time import GroundOperator, ground_operators, timed_operators
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion
@@ -45,7 +45,11 @@ def ground_formulas(candidate: Candidate, motion: Motion) -> tuple[GroundOperato
     otherwise = _held_otherwise(motion) if recorded else {}
     found = list[GroundOperator]()
     for requirement in candidate.skill.requirements:
-        formula, named = bind(requirement.formula, candidate.binding, lists), named_primitives(requirement.formula)
+        formula = bind(requirement.formula, candidate.binding, lists)
+        # The primitive actions that its intervals name.
+        intervals = [part.interval for part in nested(requirement.formula) if part.interval is not None]
+        ends = [end for interval in intervals for end in (interval.start, interval.end)]
+        named = {end.primitive for end in ends if end.primitive}
         atoms = (part.atom for part in nested(formula) if isinstance(part, Predicate))
         asked = {one for atom in atoms if atom.predicate == HOLD for one in atom.arguments}
         for number, (known, taken) in rounds.items():

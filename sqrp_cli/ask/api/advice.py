@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict, replace
 from functools import partial
@@ -38,9 +38,7 @@ from sqrp_cli.task.task import Candidate, in_words, read_task
 
 if TYPE_CHECKING:
     from sqrp_cli.ask.requests import AdviseRequest
-    from sqrp_cli.cell.workspace import Workspace
     from sqrp_cli.motion.cell import Cell
-    from sqrp_cli.skill.settings import MotionValue
 
 
 _THRESHOLDS = ("min_q_eoi", "min_q_avg", "max_time", "max_delay")  # of a task in a workspace
@@ -52,14 +50,26 @@ def changed_file(question: Question, file: SourceDocument, change: ProposedChang
     if change.unwritten:
         raise bad_option(change.unwritten)
     if change.parameters is not None:
-        own = _key(question.best.candidate)
+        key = _key(question.best.candidate)
         listed = ((one.task, read_task(one.task, workspace).candidates) for one in workspace.tasks)
-        alone = next((text for text, candidates in listed if list(map(_key, candidates)) == [own]), None)
+        alone = next((text for text, candidates in listed if list(map(_key, candidates)) == [key]), None)
         goal = question.goal
         figures = zip(_THRESHOLDS, (goal.q_eoi, goal.q_avg, goal.time, goal.delay), strict=True)
         thresholds = {name: value for name, value in figures if value is not None}
-        text = _task_of_way(workspace, question.best.candidate, change.parameters)
-        return with_task(file, text, thresholds, instead_of=alone)
+        # The text of a task that says this way, and has this candidate alone.
+        candidate, texts = question.best.candidate, []
+        for number, step in enumerate(candidate.steps or (candidate,), 1):
+            own, text = change.parameters, step.task
+            if candidate.steps:
+                start = f"{number}."
+                own = {name.removeprefix(start): one for name, one in own.items() if name.startswith(start)}
+            if any(one.binding != step.binding for one in read_task(text, workspace).candidates):
+                text = " ".join([step.skill.name, *(f"{name}={one}" for name, one in step.binding.items())])
+            unsaid = [one.all_parameters for one in read_task(text, workspace).candidates]
+            differing = {name: value for name, value in own.items() if any(one.get(name) != value for one in unsaid)}
+            said = in_words(step.skill, differing)
+            texts.append(" ".join([text, *(f"{name}={value.replace(' ', '')}" for name, value in said.items())]))
+        return with_task(file, THEN.join(texts), thresholds, instead_of=alone)
     if change.X_WO is not None:
         stated = workspace.objects[change.target]
         now = question.world.X_WO.get(change.target)
@@ -73,23 +83,6 @@ def changed_file(question: Question, file: SourceDocument, change: ProposedChang
     if present is not None:
         return with_camera(file, present, camera, aim.point)
     return with_further_camera(file, camera, change.lens_of, aim.point)
-
-
-def _task_of_way(workspace: Workspace, candidate: Candidate, parameters: Mapping[str, MotionValue]) -> str:
-    """The text of a task that says a way of a candidate, and has this candidate alone."""
-    texts = []
-    for number, step in enumerate(candidate.steps or (candidate,), 1):
-        own, text = parameters, step.task
-        if candidate.steps:
-            start = f"{number}."
-            own = {name.removeprefix(start): one for name, one in parameters.items() if name.startswith(start)}
-        if any(one.binding != step.binding for one in read_task(text, workspace).candidates):
-            text = " ".join([step.skill.name, *(f"{name}={one}" for name, one in step.binding.items())])
-        unsaid = [one.all_parameters for one in read_task(text, workspace).candidates]
-        stated = {name: value for name, value in own.items() if any(one.get(name) != value for one in unsaid)}
-        said = in_words(step.skill, stated)
-        texts.append(" ".join([text, *(f"{name}={value.replace(' ', '')}" for name, value in said.items())]))
-    return THEN.join(texts)
 
 
 def _with_patch(question: Question, file: SourceDocument, one: AdviceFound) -> AdviceFound:

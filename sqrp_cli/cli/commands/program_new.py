@@ -7,7 +7,6 @@ from pathlib import Path
 
 from sqrp_cli.ask.api.session import ChosenStep, Session, add_steps, assess, chosen_steps
 from sqrp_cli.ask.requests import RankRequest
-from sqrp_cli.cell.workspace import World
 from sqrp_cli.cli.options import open_with_warnings
 from sqrp_cli.errors import ExitCode, Infeasible, InputError, Place, bad_input
 from sqrp_cli.motion.cell import Cell
@@ -67,27 +66,7 @@ def _next_steps(cell: Cell, program: Program) -> list[ChosenStep] | None:
     """Show what can be done after a program, and ask for a task and one of its ways; None without an answer."""
     workspace = cell.workspace
     world = program.steps[-1].after if program.steps else cell.initial_world
-    doable = _show_possibilities(cell, world)
-    example = workspace.tasks[0].task if workspace.tasks else "pickup red screw"
-    say()
-    while answer := ask(f'Step {len(program.steps) + 1}: a number, or a task like "{example}" [finish]: '):
-        if answer.isdecimal() and not 1 <= int(answer) <= len(doable):
-            say(f"There is no number {answer}; the numbers are those of the table above.")
-            continue
-        try:
-            task = read_task(doable[int(answer) - 1] if answer.isdecimal() else answer, workspace)
-        except InputError as error:
-            print_problems(error.problems)
-            continue
-        if task.candidates[0].steps:
-            say("One step at a time, please: name the first one alone.")
-            continue
-        return _chosen_way(task, RankJob(cell=cell, world=world))
-    return None
-
-
-def _show_possibilities(cell: Cell, world: World) -> list[str]:
-    """Print what can be done now, and why the rest cannot; returns the tasks of the former."""
+    # What can be done now, and why the rest cannot.
     with progress("Looking for what can be done", None) as advance:
         found = []
         for possibility in possibilities(cell, world):
@@ -103,12 +82,27 @@ def _show_possibilities(cell: Cell, world: World) -> list[str]:
     for one, allowed, reason in impossible:
         if allowed:
             say(f"not {one.task}: {reason}")
-    for skill in cell.workspace.skills:
+    for skill in workspace.skills:
         barred = [(one.task, why) for one, allowed, why in impossible if one.skill.name == skill and not allowed]
         if barred:
             more = f" (and {len(barred) - 1} more like it)" if len(barred) > 1 else ""
             say(f"not {barred[0][0]}: {barred[0][1]}{more}")
-    return [task for task, _ in doable]
+    example = workspace.tasks[0].task if workspace.tasks else "pickup red screw"
+    say()
+    while answer := ask(f'Step {len(program.steps) + 1}: a number, or a task like "{example}" [finish]: '):
+        if answer.isdecimal() and not 1 <= int(answer) <= len(doable):
+            say(f"There is no number {answer}; the numbers are those of the table above.")
+            continue
+        try:
+            task = read_task(doable[int(answer) - 1][0] if answer.isdecimal() else answer, workspace)
+        except InputError as error:
+            print_problems(error.problems)
+            continue
+        if task.candidates[0].steps:
+            say("One step at a time, please: name the first one alone.")
+            continue
+        return _chosen_way(task, RankJob(cell=cell, world=world))
+    return None
 
 
 def _chosen_way(task: Task, job: RankJob) -> list[ChosenStep]:
