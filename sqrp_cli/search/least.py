@@ -130,38 +130,16 @@ def least(move: Move, batches: Iterable[Array], seed: int, most: float = inf) ->
 
     most: batches of `_TOGETHER` that are given up before all of the search is.
     """
-    given_up = 0
-    for batch in batches:
-        for start in range(0, len(batch), _TOGETHER):
-            found, decided = _first_of(move, batch[start : start + _TOGETHER])
-            if found is not None:
-                return move.change(_made_shorter(move, found, seed))
-            given_up += decided == _DECIDED
-            if given_up >= most:
-                return None
-    return None
-
-
-def _first_of(move: Move, vectors: Array) -> tuple[Array | None, int]:
-    """The first of some vectors that meets the goal, and how many before it were decided in vain: `_DECIDED` at most.
-
-    Those make the bound on the next ones sharper, so few are tested at once as long as they pass.
-    """
-    begin, count, decided = 0, _FEW, 0
-    while begin < len(vectors):
-        left = vectors[begin : begin + count]
-        begin, count = begin + count, 2 * count
-        while len(left := left[move.passes(left)]):
-            if move.meets(move.change(left[0])):
-                return left[0], decided
-            decided, left, count = decided + 1, left[1:], _FEW
-            if decided == _DECIDED:
-                return None, decided
-    return None, decided
-
-
-def _made_shorter(move: Move, found: Array, seed: int) -> Array:
-    """A local least vector that meets the goal, from one that does: shorter along its direction, then others around."""
+    given_up, found = 0, None
+    tested = (batch[start : start + _TOGETHER] for batch in batches for start in range(0, len(batch), _TOGETHER))
+    for some in tested:
+        found, decided = _first_of(move, some)
+        given_up += decided == _DECIDED
+        if found is not None or given_up >= most:
+            break
+    if found is None:
+        return None
+    # A local least vector that meets the goal, from this one: shorter along its direction, then others around.
     bounds, rng, spread = move.bounds, np.random.default_rng(seed), 0.5
     aside: Array | None = found
     shares = np.sort(bounds.shares)[:, None, None]
@@ -182,4 +160,22 @@ def _made_shorter(move: Move, found: Array, seed: int) -> Array:
             turned = found / length + spread * sideways
             turned /= np.linalg.norm(turned, axis=1)[:, None]
             aside, _ = _first_of(move, (length * shares * turned).reshape(-1, bounds.dimension))
-    return found
+    return move.change(found)
+
+
+def _first_of(move: Move, vectors: Array) -> tuple[Array | None, int]:
+    """The first of some vectors that meets the goal, and how many before it were decided in vain: `_DECIDED` at most.
+
+    Those make the bound on the next ones sharper, so few are tested at once as long as they pass.
+    """
+    begin, count, decided = 0, _FEW, 0
+    while begin < len(vectors):
+        left = vectors[begin : begin + count]
+        begin, count = begin + count, 2 * count
+        while len(left := left[move.passes(left)]):
+            if move.meets(move.change(left[0])):
+                return left[0], decided
+            decided, left, count = decided + 1, left[1:], _FEW
+            if decided == _DECIDED:
+                return None, decided
+    return None, decided

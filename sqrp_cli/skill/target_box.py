@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Sequence
-from typing import Annotated, Any
+from dataclasses import replace
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -92,6 +93,10 @@ class TargetBox(FileRecord):
     """Unit vector in the box's axes, away from the surface, if it has one."""
     encloses: tuple[str, ...]
     """Names of links, objects or parts that do not hide the box, in order."""
+
+    def seen_through(self, parts: Iterable[str]) -> Self:
+        """The same box, from which some more parts hide nothing."""
+        return replace(self, encloses=(*self.encloses, *dict.fromkeys(parts)))
 
     @classmethod
     def on_object(cls, name: str, **fields: Any) -> TargetBox:  # noqa: ANN401 - the others of a box

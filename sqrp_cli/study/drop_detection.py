@@ -387,8 +387,8 @@ def _judged_at(
     """Whether each camera may judge boxes in the first states, through what may be moved; shape (count, c) each."""
     if not observer.cameras:
         return {box: np.zeros((count, 0), dtype=bool) for box in boxes}
-    movable = dict.fromkeys(one.part.name for one in observer.solids if one.movable)
-    own = [replace(box, limits=box.limits.judging, encloses=(*box.encloses, *movable)) for box in boxes]
+    movable = [one.part.name for one in observer.solids if one.movable]
+    own = [replace(box, limits=box.limits.judging).seen_through(movable) for box in boxes]
     targets, rows = [Target(Atom(box.name), 1, (box,)) for box in own], [np.arange(count)] * len(own)
     verdicts = observer.verdicts(targets, states, rows=rows, culprits=False)
     looks = zip(boxes, own, verdicts, strict=True)
