@@ -254,13 +254,16 @@ def planner(value: object, name: str) -> Any:  # noqa: ANN401 - a planner
 @reads(str)
 def kinds(value: object, name: str) -> Any:  # noqa: ANN401 - kinds of changes
     """Kinds of changes, in a list or parted by commas."""
-    from sqrp_cli.search.goal import read_kinds
+    from sqrp_cli.search.goal import KINDS
 
     said = value.split(",") if isinstance(value, str) else texts("kinds of changes").read(value, name)
-    kinds = [one.strip() for one in said]
-    if not any(kinds):
+    wanted = [one.strip() for one in said]
+    if not any(wanted):
         raise bad_option(f"{name} is empty, expected kinds of changes such as `way,object`")
-    return read_kinds(kinds)
+    for one in wanted:
+        if one not in KINDS:
+            raise bad_option(f"there is no kind of change `{one}`; {expected_names(one, KINDS)}")
+    return tuple(kind for kind in KINDS if kind in wanted)
 
 
 @reads(list[str])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from math import degrees, inf
 from typing import TYPE_CHECKING, Literal
 
@@ -26,14 +26,6 @@ QUALITIES = ("q_eoi", "q_avg")
 TIMES = ("time", "delay")
 NAMES = (*QUALITIES, *TIMES)  # The figures that a goal may be about
 _NEVER = 1e3  # A fault that is never noticed misses the delay of a goal as if it took so many times as long
-
-
-def read_kinds(names: Sequence[str] | None) -> tuple[Kind, ...] | None:
-    """The kinds of these names, in their own order; None for None. Raises InputError for another name."""
-    for name in names or ():
-        if name not in KINDS:
-            raise bad_option(f"there is no kind of change `{name}`; {expected_names(name, KINDS)}")
-    return None if names is None else tuple(kind for kind in KINDS if kind in names)
 
 
 def shown_size(size: float, unit: str) -> str:

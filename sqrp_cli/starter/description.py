@@ -88,7 +88,7 @@ def describe_robot(robot: OwnRobot, folder: Path) -> Description:
     if config is None:
         config = _moveit_beside(urdf, around, warnings)
     files = () if config is None else config.srdfs
-    found = _srdf_of(urdf, files or _srdfs_beside(urdf.path, urdf.name), source, warnings, beside=not files)
+    found = _srdf_of(urdf, files, source, warnings)
     srdf_file, srdf, given_too = found or (None, None, {})
     # Limits of another robot are not taken either: mostly its joints have the same names.
     limits_file = config.file("joint_limits.yaml", urdf.name, srdf_file) if config and (srdf or not files) else None
@@ -186,23 +186,19 @@ def _descriptions(
     return []
 
 
-def _srdfs_beside(path: Path, robot: str) -> Sequence[Path]:
-    """The SRDFs near a URDF; in each folder those named as the URDF or its robot first, else most like the URDF."""
-    files = []
-    for folder in dict.fromkeys((path.parent / name).resolve() for name in _SRDF_FOLDERS):
-        alike = {file: SequenceMatcher(None, file.stem, path.stem).ratio() for file in folder.glob("*.srdf")}
-        files += sorted(alike, key=lambda one: (one.stem != path.stem, one.stem != robot, -alike[one], one))
-    return files
-
-
 def _srdf_of(
-    urdf: UrdfModel, files: Sequence[Path], source: RobotSource, warnings: list[Problem], *, beside: bool
+    urdf: UrdfModel, stated: Sequence[Path], source: RobotSource, warnings: list[Problem]
 ) -> tuple[Path, SrdfModel, Mapping[str, str]] | None:
     """The first SRDF whose robot has the URDF's name, and its arguments: those of the URDF's that it takes, too.
 
-    warnings: gets a sentence where it is none. beside: whether the files are those near the URDF: then others are
-    usual, and what cannot be read is left out. Else that is refused, unless one fits.
+    stated: by a configuration of MoveIt; without any, those near the URDF: then others are usual, and what cannot be
+    read is left out. Else that is refused, unless one fits. warnings: gets a sentence where it is none.
     """
+    path, files = urdf.path, [*stated]
+    # In each folder those named as the URDF or its robot first, else most like the URDF.
+    for folder in dict.fromkeys((path.parent / name).resolve() for name in _SRDF_FOLDERS) if not stated else ():
+        alike = {file: SequenceMatcher(None, file.stem, path.stem).ratio() for file in folder.glob("*.srdf")}
+        files += sorted(alike, key=lambda one: (one.stem != path.stem, one.stem != urdf.name, -alike[one], one))
     others, unfit = dict[str, Path](), list[InputError]()
     for file in files:
         try:
@@ -211,11 +207,11 @@ def _srdf_of(
                 takes = re.findall(r"\$\(arg (\w+)|xacro:arg [^>]*?name=.(\w+)", file.read_text("utf-8", "replace"))
                 arguments = {key: value for key, value in arguments.items() if any(key in names for names in takes)}
                 return file, read_srdf(file, urdf, replace(source, arguments=arguments)), arguments
-            if name and (not beside or file.stem == urdf.path.stem):
+            if name and (stated or file.stem == path.stem):
                 others.setdefault(name, file)
         except InputError as error:
             unfit.append(error)
-    if unfit and not beside:
+    if unfit and stated:
         raise unfit[0]
     for why in (error.problems[0] for error in unfit):
         message = f"{why.message}; so this SRDF was left out"
