@@ -66,7 +66,8 @@ class Painted:
         image[pieces_mask(self.posed.whole, self._tool)] = 20
         nothing = np.zeros(plain.shape[:2], dtype=bool)
         view: Any = SimpleNamespace(
-            image=image, whole=self.posed.whole, camera=self.eye, X_WC=self.posed.X_WC, robot=self._tool,
+            image=image, whole=self.posed.whole, camera=self.eye, projection=self.posed.projection,
+            X_WC=self.posed.X_WC, robot=self._tool,
             believed=SimpleNamespace(holding=True, X_WO={}), pose=lambda box: box.X_FB,
             cell=SimpleNamespace(objects={}, detectors={"color": SimpleNamespace(min_visible=min_visible)}),
             X_WL={"tool": np.eye(4)}, projected=lambda _, X: self.projected(X), colored=partial(color_mask, image),
