@@ -153,7 +153,9 @@ def _compiled(path: Path, *, weighing: bool) -> Scene:
         always = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
         models = [path.absolute()]
         for model in models:  # and those that they attach
-            named = (model.parent / name for name in re.findall(r'file="([^"]+\.xml)"', model.read_text("utf-8")))
+            named = (
+                model.parent / name for name in re.findall(r'file="([^"]+\.xml)"', model.read_text("utf-8", "replace"))
+            )
             models += {one.resolve() for one in named if one.is_file()} - {*models}
         folders = [*dict.fromkeys(model.parent for model in models)]
         files = {mesh.name: _mesh(spec, mesh, folders, lost) for mesh in spec.meshes}

@@ -129,10 +129,10 @@ def part_shares_in_words(parts: Sequence[HidingPart]) -> str:
     return ", ".join(words)
 
 
-def first_few(texts: Sequence[str]) -> str:
-    """The first of some texts, and how many more there are."""
+def first_few(texts: Sequence[str], then: str = " and") -> str:
+    """The first of some texts, and how many more there are; then: what comes before that number."""
     more = len(texts) - MOST_PARTS
-    return ", ".join(texts[:MOST_PARTS]) + (f" and {more} more" if more > 0 else "")
+    return ", ".join(texts[:MOST_PARTS]) + (f"{then} {more} more" if more > 0 else "")
 
 
 def what_to_move(found: Sequence[HidingPart]) -> str:

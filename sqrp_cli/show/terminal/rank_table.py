@@ -120,7 +120,7 @@ def _sentences(feasible: Sequence[CandidateResult], found: Ranking) -> Iterator[
             blind.append(f"{one.name} {places}")
     if faster:
         where = "below" if found.ways == "all" else "--ways all"
-        yield f"Faster, but seen worse: {sentences.first_few(faster)} ({where})."
+        yield f"Faster, but seen worse: {sentences.first_few(faster, ', and')} ({where})."
     if blind:
         yield f"No path helps at ends of moves that the cameras do not see: {sentences.first_few(blind)}."
 
