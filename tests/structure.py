@@ -26,7 +26,7 @@ LONG = 30
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_345),
     "files": ("files", 2_037),
-    "robot": ("robot", 3_093),
+    "robot": ("robot", 3_095),
     "camera": ("camera", 2_310),
     "cell": ("cell", 3_383),
     "logic": ("logic", 2_245),
