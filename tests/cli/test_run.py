@@ -168,7 +168,7 @@ def test_ctrl_c_in_a_step_keeps_those_before(sqrp, two_steps, monkeypatch, numbe
         if event.event == "step" and event.number == number:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("sqrp_cli.show.terminal.run_view.event_in_words", interrupted)
+    monkeypatch.setattr("sqrp_cli.show.terminal.run_view.live_view", lambda *_, **__: nullcontext(interrupted))
     found = sqrp("run", two_steps.program, "--sim", *more)
     assert found.code == 130
     assert "Traceback" not in found.err

@@ -86,7 +86,8 @@ class Missing:
             raise ModuleNotFoundError(name)
 sys.meta_path.insert(0, Missing)
 from sqrp_cli.cli.commands import runs
-runs.read_program = lambda *_: None  # the program itself is not what this is about
+from types import SimpleNamespace
+runs.read_program = lambda *_: SimpleNamespace(files=[])  # the program itself is not what this is about
 from sqrp_cli.cli.main import main
 main()
 """
