@@ -149,10 +149,13 @@ class JointPath:
         return float(positions.min()), float(positions.max())
 
     def derived(self, order: int) -> Array:
-        """Chebyshev coefficients of a derivative with respect to x in [-1, 1], shape (max(d - order, 0) + 1, p, n)."""
-        derivative: Array = self.coefficients.swapaxes(0, 1)
-        for _ in range(order):
-            above = derivative.copy()
+        """Chebyshev coefficients of a derivative with respect to x in [-1, 1], shape (max(d - order, 0) + 1, p, n).
+
+        They are computed once, from those of the order below.
+        """
+        known: list[Array] = self.__dict__.setdefault("_derivatives", [self.coefficients.swapaxes(0, 1)])
+        while len(known) <= order:
+            above = known[-1].copy()
             derivative = np.empty_like(above[1:]) if len(above) > 1 else np.zeros_like(above)
             for k in range(len(above) - 1, 2, -1):
                 derivative[k - 1] = 2 * k * above[k]
@@ -161,7 +164,8 @@ class JointPath:
                 derivative[1] = 4 * above[2]
             if len(above) > 1:
                 derivative[0] = above[1]
-        return derivative
+            known.append(derivative)
+        return known[order]
 
     def shifted(self, offset: ArrayLike) -> JointPath:
         """The same path moved by a constant, shape (n,), such as whole turns of some joints."""

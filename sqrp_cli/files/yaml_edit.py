@@ -31,7 +31,8 @@ def with_values(document: SourceDocument, values: Mapping[str, str]) -> bytes:
     known, (text, root) = {dotted(keys): keys for keys in document.values if keys}, _text_and_root(document)
     new = list[tuple[int, int, str]]()  # where text is replaced, and by what
     later = [path for path in values if path not in known or any(path.startswith(f"{other}.") for other in values)]
-    for path in values.keys() - later:
+    first = [path for path in values if path not in later]
+    for path in first:
         *above, key = known[path]
         parent, node = _node(root, tuple(above)), _node(root, known[path])
         start, end, value = node.start_mark.index, _end(node), values[path]
@@ -45,7 +46,7 @@ def with_values(document: SourceDocument, values: Mapping[str, str]) -> bytes:
         new.append((start, end, value))
     for start, end, value in sorted(new, reverse=True):
         text = text[:start] + value + text[end:]
-    content = _checked(document, text, *(values.keys() - later)) if new else document.content
+    content = _checked(document, text, *first) if new else document.content
     for path in later:
         document = parse_yaml(document.path, content)
         known, (parent, _, key) = {dotted(keys): keys for keys in document.values if keys}, path.rpartition(".")

@@ -8,6 +8,7 @@ from functools import cached_property
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, Mask, cross, read_only
 from sqrp_cli.kernel.kernel import joint_poses
@@ -48,6 +49,8 @@ class JointTree:
     axes: Array  # unit vectors in the joints' frames, shape (N, 3)
     terms: Array  # the matrices A (the pose at position 0), B and C of each joint, shape (N, 3, 4, 4)
     mounts: dict[str, Mount]  # what carries each link of robot and tool
+    with_links: tuple[NDArray[np.int64], Mask, Array, Mapping[str, int]]
+    """Parents, turns and terms with a joint at rest for each link beside the one that carries it; rows of links."""
     ratios: Array
     offsets: Array
     """Positions of all joints are `q @ ratios.T + offsets` [rad or m]: from those of the n driven ones, with shapes
@@ -78,13 +81,28 @@ class JointTree:
         motion = np.zeros_like(still)
         motion[turns, :3, :3] = np.cross(axes[turns, None, :], np.eye(3)).swapaxes(1, 2)
         motion[~turns, :3, 3] = axes[~turns]
+        parents, terms = (
+            [carrier for carrier, _ in seats],
+            np.stack([still, still @ motion, still @ motion @ motion], axis=1),
+        )
+        beside = {link: on for link, on in mounts.items() if on[0] >= 0 and not np.array_equal(on[1], np.eye(4))}
+        resting = np.zeros((len(beside), 3, 4, 4))
+        resting[:, 0] = [X_JL for _, X_JL in beside.values()] or resting[:, 0]
+        rows = {link: joint for link, (joint, _) in mounts.items()}
+        with_links = (
+            np.array([*parents, *(joint for joint, _ in beside.values())]),
+            np.concatenate([turns, np.zeros(len(beside), dtype=bool)]),
+            np.concatenate([terms, resting]),
+            rows | {link: len(parents) + k for k, link in enumerate(beside)},
+        )
         return JointTree(
             joints=tuple(joints),
-            parents=tuple(carrier for carrier, _ in seats),
+            parents=tuple(parents),
             turns=turns,
             axes=axes,
-            terms=np.stack([still, still @ motion, still @ motion @ motion], axis=1),
+            terms=terms,
             mounts=mounts,
+            with_links=with_links,
             ratios=np.eye(len(joints)),
             offsets=np.zeros(len(joints)),
         )
@@ -129,11 +147,11 @@ class JointTree:
 
     def link_poses(self, positions: Array) -> dict[str, Array]:
         """World pose X_WL of every link, shape (m, 4, 4) each, at positions of all joints, shape (m, N)."""
-        X_WJ, shape = self.poses(positions), (len(positions), 4, 4)
-        return {  # one product of the rows of all poses is several times as fast as one for each
-            link: np.tile(X_JL, (shape[0], 1, 1))
-            if joint < 0
-            else (X_WJ[:, joint].reshape(-1, 4) @ X_JL).reshape(shape)
+        parents, turns, terms, rows = self.with_links
+        rest = np.zeros((len(positions), len(parents) - len(self.joints)))
+        X_WL = joint_poses(parents, turns, terms, np.concatenate([positions, rest], axis=1))
+        return {
+            link: X_JL[None].repeat(len(positions), axis=0) if joint < 0 else X_WL[rows[link]]
             for link, (joint, X_JL) in self.mounts.items()
         }
 

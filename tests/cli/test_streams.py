@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import time
+from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
 
 import pytest
@@ -120,6 +121,12 @@ def test_no_shared_memory_is_left_of_a_group_that_is_killed(quick_cell, watch, t
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     assert used == set()  # images and candidates go through pipes
+    shared = SharedMemory(create=True, size=1)
+    try:
+        assert [name for name in shared_by(os.getpgid(0)) if shared.name in name]  # what is shared is found
+    finally:
+        shared.close()
+        shared.unlink()
 
 
 def test_a_new_cell_that_is_ended_on_the_way_leaves_no_folder(tmp_path):
